@@ -177,7 +177,7 @@ PROSE = (
     ),
     # method
     Sentence(
-        "has {:.2f} of the Gaussian's false stress in pure strain",
+        "has {:.2f} of the Gaussian's spurious stress in pure strain",
         lambda r: (r("lattice_stress", "2-D: the polynomial over Gaussian, strained"),),
         (METHOD,),
     ),

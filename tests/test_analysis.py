@@ -45,7 +45,7 @@ def test_two_gauges_do_or_raise(gap, r):
     from_half = abs(gap - 0.5 * round(2.0 * gap))
     assume(abs(from_half - 0.032) > 0.002)  # the condition reaches its limit of 10 at 0.0317
     if from_half < 0.032:
-        with pytest.raises(ValueError, match="cannot tell incident"):
+        with pytest.raises(ValueError, match="cannot separate incident"):
             analysis.reflection(eta, x, TIMES, T, D)
     else:
         # As above, with a condition of 10 and a distance of 13 rad.
@@ -86,7 +86,7 @@ def test_reflection_errors():
         analysis.reflection(eta[:1], GAUGES[:1], TIMES, T, D)
     with pytest.raises(ValueError, match="gauges, times"):
         analysis.reflection(eta, GAUGES[:2], TIMES, T, D)
-    with pytest.raises(ValueError, match="cannot tell incident"):
+    with pytest.raises(ValueError, match="cannot separate incident"):
         analysis.reflection(eta, [4.0, 4.0 + LENGTH / 2, 4.0 + LENGTH], TIMES, T, D)
     with pytest.raises(ValueError, match="shorter"):
         analysis.reflection(eta[:, :100], GAUGES, TIMES[:100], T, D)

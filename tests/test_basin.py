@@ -19,6 +19,7 @@ from jaxsph.waves import spectra
 from jaxsph.waves.fields import DirectionalSea, LongCrestedWaves
 from jaxsph.waves.regular import RegularWaves
 from jaxsph.waves.seas import Sea
+from jaxsph.waves.theory import stokes3_wavenumber
 
 D, G, WIDTH = 0.5, 9.81, 3.0
 ANGLES = st.floats(-1.4, 1.4)
@@ -80,6 +81,28 @@ def test_fields_are_potential_flow_under_a_linear_surface(one, other, x, y, z, t
 
 
 X, Y, Z = jnp.linspace(-0.2, 2.0, 23), jnp.linspace(0.0, WIDTH, 7), jnp.linspace(0.0, 0.8, 17)
+
+
+def test_regular_waves_of_a_basin_have_the_length_of_third_order():
+    """One of these lengths along their direction, elevation, velocity and wavemaker repeat; in between there
+    is no divergence."""
+    case = js.Case.from_dict(SMALL)
+    field = case.problem().model.dampers[0].field
+    waves, T, d = field.waves, case.waves.T, case.tank.depth
+    length = 2.0 * np.pi / float(stokes3_wavenumber(case.waves.H, T, d))
+    assert length > 1.005 * 2.0 * np.pi / float(waves.k)
+    step = length * np.array([np.cos(0.35), np.sin(0.35)])
+    here, there = np.array([0.3, 1.4]), np.array([0.3, 1.4]) + step
+    # float32 phases of 40 rad are rounded to 4e-6
+    a = 0.5 * case.waves.H
+    assert float(field.elevation(*here, 6.3)) == pytest.approx(
+        float(field.elevation(*there, 6.3)), abs=2e-5 * a
+    )
+    z = jnp.array([0.1, 0.3])
+    u, other = (field.velocity(p[:1], p[1:], z, 6.3) for p in (jnp.asarray(here), jnp.asarray(there)))
+    np.testing.assert_allclose(u, other, atol=1e-4 * a * waves.omega)
+    gradient = jax.jacfwd(at_point, 1)(field, jnp.array([*here, 0.2]), jnp.asarray(6.3))
+    assert abs(jnp.trace(gradient)) < 1e-4 * jnp.max(jnp.abs(gradient))
 
 
 def test_a_field_along_the_basin_is_that_of_the_flume():
@@ -232,7 +255,7 @@ def test_direction_of_waves_from_three_gauges(direction, seed):
 @pytest.mark.parametrize(
     ("x", "words"),
     [
-        (GAUGES[:2], "2 gauges: the direction needs three"),
+        (GAUGES[:2], "the direction needs three gauges or more, not 2"),
         ([[0.0, 0.0], [0.5, 0.0], [1.0, 0.01]], "nearly on one line"),
         (
             [[0.0, 0.0], [1.2, 0.0], [0.0, 1.2]],
@@ -290,7 +313,7 @@ SEA_STATE = {"kind": "irregular", "Hs": 0.1, "Tp": 3.0, "zone": 3.0, "second_ord
     [
         (
             {"tank.width": None},
-            r"waves.direction = 0.35 rad: needs a tank in three dimensions: give tank.width",
+            r"waves.direction = 0.35 rad needs a tank in three dimensions: give tank.width",
         ),
         ({"waves.zone": None}, r"waves.direction = 0.35 rad: the paddle makes only waves along the tank"),
         ({"waves.direction": 20.0}, r"waves.direction = 20.0: must be between -pi/2 and pi/2 rad"),

@@ -36,7 +36,7 @@ TIMES = [0.0, 0.1, 0.2, 0.3]
     [
         (
             {"bodies": {"fore": FORE, "aft": AFT | {"joined_to": "stern"}}},
-            r"bodies.aft.joined_to = 'stern': there is no such body; there are fore. Without joined_to",
+            r"bodies.aft.joined_to = 'stern': there is no such body; the bodies are fore. Without joined_to",
         ),
         (
             {"bodies": {"fore": box(1.0, 1.4, joined_to="aft"), "aft": AFT}},
@@ -45,15 +45,15 @@ TIMES = [0.0, 0.1, 0.2, 0.3]
         ({"body": box(1.0, 1.4, joined_to="body")}, r"body: joined_to forms a loop"),
         (
             {"bodies": {"fore": FORE, "aft": AFT | {"block": {"low": [1.3, 0.4], "high": [1.9, 0.6]}}}},
-            r"bodies.fore and bodies.aft: have 0.02 m2 in common: move one of them",
+            r"bodies.fore and bodies.aft have 0.02 m2 in common: move one of them",
         ),
         (  # they overlap only at this angle
             {"bodies": {"fore": TALL | {"angle": 1.4}, "aft": box(1.5, 1.9)}},
-            r"bodies.fore and bodies.aft: have .* m2 in common: move one of them",
+            r"bodies.fore and bodies.aft have .* m2 in common: move one of them",
         ),
         (
             {"body": FORE, "bodies": {"body": box(1.5, 1.9)}},
-            r"bodies.body: is the same body as \[body\]: give one",
+            r"bodies.body and \[body\] are the same body: give only one",
         ),
         (
             {"bodies": {"fore": FORE}, "solid": {"fore": {"block": {"low": [2.0, 0.0], "high": [2.2, 0.2]}}}},

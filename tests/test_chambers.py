@@ -153,7 +153,7 @@ def test_flow_is_what_crosses_a_level_between_leaning_walls():
             {"solid.post.block": {"low": [1.36, 0.2], "high": [1.5, 0.6]}},
             "solid.post pierces the surface in the chamber",
         ),
-        ({"chamber.column.pto": None}, "chamber.column: its air has no outlet"),
+        ({"chamber.column.pto": None}, "chamber.column: the air has no outlet"),
         (
             {"chamber.column.pto": {"K_dm": 300.0, "P_a": 2.0}},
             "give exactly one of pto.K_dm",
@@ -170,7 +170,7 @@ def test_flow_is_what_crosses_a_level_between_leaning_walls():
         ),
         (
             {"chamber.column": None, "chamber.front": {"between": ["front", "back"], "pto": {"K_dm": 3.0}}},
-            "solid.front and chamber.front: have the same name",
+            "solid.front and chamber.front have the same name",
         ),
         ({"pto": {"K_dm": 3.0}}, r"pto is given, but there is no device .* \[chamber.NAME.pto\]"),
         ({"chamber.colunm.betwen": ["front", "back"]}, "did you mean 'chamber.NAME.between'"),
@@ -323,7 +323,7 @@ def test_a_wide_duct_makes_one_chamber_of_two():
 
 def test_a_duct_to_nowhere_is_refused():
     model, state = js.build(LEANING)
-    with pytest.raises(ValueError, match="ducts end at sea: give names of chambers of the model"):
+    with pytest.raises(ValueError, match="ducts end at sea, but must end at chambers of the model"):
         js.assemble(
             np.asarray(state.particles.x),
             np.asarray(state.particles.u),
@@ -395,9 +395,9 @@ def test_a_run_may_change_a_named_turbine_and_not_a_chamber():
     assert amended_case(SHARED, {"chamber.sea.pto.K_dm": 900.0}).turbines[0].K_dm == 900.0
     assert amended_case(SHARED, {"duct.cross.area": 0.02}).duct["cross"].area == 0.02
     for key, value in (("chamber.sea.between", ["front", "far"]), ("duct.cross.between", ["land", "sea"])):
-        with pytest.raises(CaseError, match=f"{key}: cannot change during a run"):
+        with pytest.raises(CaseError, match=f"{key} cannot change during a run"):
             amended_case(SHARED, {key: value})
-    with pytest.raises(CaseError, match=r"sea: pto: cannot change between a turbine and a prescribed"):
+    with pytest.raises(CaseError, match=r"sea: pto cannot change between a turbine and a prescribed"):
         amended_case(SHARED, {"chamber.sea.pto.P_a": 90.0})
 
 

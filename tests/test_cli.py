@@ -111,7 +111,7 @@ def test_quick_run_does_not_replace_a_file(calls, monkeypatch, tmp_path):
 def test_a_new_case_needs_a_name(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     result = _jaxsph("new", name)
-    assert result.exit_code == 2 and "must end in the name of a file" in result.stderr
+    assert result.exit_code == 2 and "must end with a file name" in result.stderr
     assert not list(tmp_path.iterdir())
 
 

@@ -30,7 +30,7 @@ CASE = js.Case.from_dict(
 @pytest.mark.parametrize(
     "changes, message",
     [
-        ({"probes.run_up": ["quay"]}, "probes.run_up: there is no solid 'quay'; there are wall"),
+        ({"probes.run_up": ["quay"]}, "probes.run_up: there is no solid 'quay'; the solids are wall"),
         ({"probes.overtopping": ["device"]}, "there is no solid 'device'"),
         (
             {"solid.wall.polygon": [[1.8, 0.0], [2.4, 0.3], [3.0, 0.0]]},

@@ -177,7 +177,7 @@ def test_a_message_says_where_the_fault_is(tmp_path):
     path.write_text('t (s),eta (m)\n\n0,"0\n1"\n')
     message = refusal("waves.file", path)
     assert message.endswith(
-        "sea.csv, line 3 (6 characters): must be 2 finite numbers, t, eta, separated by commas"
+        "sea.csv, line 3 (6 characters): must have 2 finite numbers, t, eta, separated by commas"
     )
 
 

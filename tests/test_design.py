@@ -167,7 +167,7 @@ def test_bad_sweeps_are_refused_before_anything_runs(tmp_path, quick):
     js.sweep(CASE, {"g": [1.0]}, out, progress=False)
     with pytest.raises(FileError, match="another case or of other values"):
         js.sweep(CASE, {"g": [2.0]}, out, progress=False)
-    with pytest.raises(KeyError, match="no result 'xi'; there are t_end, value"):
+    with pytest.raises(KeyError, match="no result 'xi'; the results are t_end, value"):
         js.read_sweep(out)["xi"]
 
 
@@ -233,7 +233,7 @@ def test_a_worker_gives_up_a_member_that_another_has_claimed(tmp_path, monkeypat
     lost = []
 
     def first():
-        with pytest.raises(FileError, match="was given up") as raised:
+        with pytest.raises(FileError, match="was abandoned") as raised:
             run_member(CASE, tmp_path / "0000")
         lost.append(raised)
 

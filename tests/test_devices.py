@@ -109,7 +109,7 @@ def test_a_phased_damping_comes_from_its_case():
     assert js.Case.from_dict(tomllib.loads(case.to_toml())) == case
     with pytest.raises(js.CaseError, match="phase = .* a cosine and a sine for every harmonic"):
         case.replace({"pto.phase": [0.1, 0.2, 0.3]})
-    with pytest.raises(js.CaseError, match="pto.phase lets the damping vary"):
+    with pytest.raises(js.CaseError, match="pto.phase varies the damping"):
         js.linear_owc(case)
 
 

@@ -67,7 +67,7 @@ def test_new_writes_a_case_that_runs_and_never_over_another(tmp_path, monkeypatc
     assert result.exit_code == 0 and "jaxsph run mine.toml" in result.stdout
     assert js.load_case("mine.toml").waves.kind == "irregular"
     result = _jaxsph("new", "mine")
-    assert result.exit_code == 2 and "mine.toml: exists already" in result.stderr
+    assert result.exit_code == 2 and "mine.toml already exists" in result.stderr
     result = _jaxsph("new", "other", "--like", "ow")
     assert result.exit_code == 2 and "did you mean 'owc'" in result.stderr
 

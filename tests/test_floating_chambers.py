@@ -24,7 +24,7 @@ HULL = [
 ]
 """Two walls under a roof, in water 0.4 m deep."""
 OPEN = [[0.6, 0.2], [1.16, 0.2], [1.16, 0.7], [1.0, 0.7], [1.0, 0.3], [0.76, 0.3], [0.76, 0.7], [0.6, 0.7]]
-"""A hull whose hollow is open above instead of below."""
+"""A hull whose hollow is open at the top instead of at the bottom."""
 TWO = [*HULL[:5], [1.16, 0.2], [1.16, 0.64], [1.4, 0.64], [1.4, 0.2], [1.56, 0.2], [1.56, 0.72], HULL[-1]]
 """A hull with two hollows."""
 MASS = 1000.0 * 0.2 * 0.32
@@ -212,11 +212,11 @@ def test_exact_slopes_of_a_floating_device_are_those_of_differences(key):
     [
         ({"chamber.inner.body": "buoy"}, r"chamber.inner.body = 'buoy': there is no such body; .* are hull"),
         ({"chamber.inner.between": ["hull", "far"]}, r"give exactly one of between .* and body"),
-        ({"chamber.inner.at": 0.5}, r"chamber.inner.at = 0.5 m is in none: give chamber.inner.at"),
+        ({"chamber.inner.at": 0.5}, r"chamber.inner.at = 0.5 m is in none of them: give chamber.inner.at"),
         ({"bodies.hull.polygon": HULL[:2] + HULL[4:]}, r"has no hollow at the still water level, z = 0.4 m"),
         (
             {"bodies.hull.polygon": OPEN},
-            r"its hollow from x = 0.76 to 1 m is open above: close it with a roof",
+            r"the hollow from x = 0.76 to 1 m is open at the top: add a roof",
         ),
         ({"bodies.hull.polygon": TWO, "tank.length": 2.4}, r"hollows from x = .*; give chamber.inner.at"),
         (
@@ -231,7 +231,7 @@ def test_exact_slopes_of_a_floating_device_are_those_of_differences(key):
             {"solid.post.block": {"low": [0.84, 0.0], "high": [0.92, 0.56]}},
             r"solid.post pierces the surface in the chamber, from x = 0.84 to 0.92 m",
         ),
-        ({"chamber.inner.pto.resistance": None}, r"its air has no outlet|give exactly one of pto.K_dm"),
+        ({"chamber.inner.pto.resistance": None}, r"the air has no outlet|give exactly one of pto.K_dm"),
     ],
 )
 def test_a_hollow_that_holds_no_air_is_refused(changes, message):

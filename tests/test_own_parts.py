@@ -135,11 +135,11 @@ def test_parts_of_a_problem_are_changed_whole(tank):
 def test_parts_that_do_not_fit_are_refused(tank):
     """Because of an unknown name, a name that two parts share, or a time step that is too long."""
     sponge = js.Sponge((js.SpongeLayer(0.5, 1.0),), 5.0)
-    with pytest.raises(CaseError, match="damper: is not a field of the model, which has scheme, walls"):
+    with pytest.raises(CaseError, match="damper is not a field of the model, which has scheme, walls"):
         tank.with_parts(damper=[sponge])
     with pytest.raises(CaseError, match="parts share the names sponge"):
         tank.with_parts(dampers=[sponge, sponge])
-    with pytest.raises(CaseError, match="scheme: is stable with time steps up to .* shorter time steps"):
+    with pytest.raises(CaseError, match="scheme: stable with time steps up to .* shorter time steps"):
         tank.with_parts(scheme=js.DeltaSPH.of(0.1, 100.0))
     pull, ball = (
         js.CentralForce(jnp.float32(1.0), jnp.zeros(2)),

@@ -126,7 +126,7 @@ def test_the_refusal_names_the_folder_and_the_keys_that_differ(tmp_path, quick):
     with pytest.raises(FileError, match=words):
         js.sweep(STILL, {"g": [1.0, 3.0]}, tmp_path / "s.h5", progress=False)
     (folder / "0001.h5").rename(folder / "0007.h5")  # as in a sweep with more members
-    with pytest.raises(FileError, match="0007.h5: is a member of another sweep"):
+    with pytest.raises(FileError, match="0007.h5 is a member of another sweep"):
         js.sweep(STILL, {"g": [1.0, 3.0]}, tmp_path / "s.h5", progress=False)
     assert not quick[0]
 

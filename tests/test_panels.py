@@ -164,7 +164,7 @@ def test_hull_above_the_water_feels_nothing():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Section(0.0, (BARGE,)), "depth = 0.0 m: must be positive"),
+        (lambda: Section(0.0, (BARGE,)), "depth = 0.0 m must be positive"),
         (lambda: Section(1.0), "needs a hull or a chamber"),
         (lambda: Section(1.0, (BARGE, BARGE)), "different names"),
         (lambda: Section(1.0, (BARGE,), chambers=(Chamber("a", 1.0, 2.0, "raft"),)), "no hull 'raft'"),

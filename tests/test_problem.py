@@ -157,7 +157,7 @@ def test_an_assembled_problem_has_a_file_and_goes_on(tmp_path):
     assert np.array_equal(again["eta"], js.run(SWELL, progress=False)["eta"])
     with pytest.raises(FileError, match="and not by 'hydrostatic'"):
         js.resume(path, given=SWELL, progress=False)
-    with pytest.raises(FileError, match="builds another model from its case"):
+    with pytest.raises(FileError, match="builds another model from the case"):
         js.resume(path, given=SWELL.replace({"fluid.nu": 1e-3}).problem(), progress=False)
     with pytest.raises(CaseError, match="is already built"):
         js.sweep(problem, {"amplitude": [1.0]}, tmp_path / "s.h5", progress=False)
@@ -183,10 +183,10 @@ WRONG = {
     "x: float = 2.0": ("pass", r"returned nothing: must be a js.Problem"),
     "x: float = 3.0": (
         "raise ValueError('too wide')",
-        r"wrong.py:\w+\(x=3.0\): raised ValueError: too wide \(wrong.py, line \d+\)",
+        r"wrong.py:\w+\(x=3.0\) raised ValueError: too wide \(wrong.py, line \d+\)",
     ),
-    "x": ("pass", r"x: is missing; give it as x=VALUE"),
-    "*x": ("pass", r"x: cannot be passed by name; use named arguments only"),
+    "x": ("pass", r"x is missing; give it as x=VALUE"),
+    "*x": ("pass", r"x cannot be passed by name; use named arguments only"),
     "x=object": ("pass", r"x = <class 'object'>: must be a number, a string"),
 }
 """Functions that do not make a problem, by their arguments: body, and words of the error."""

@@ -69,7 +69,7 @@ def test_incident_and_reflected_sea_are_told_apart(back):
 
 def test_gauges_that_cannot_tell_are_refused():
     x = np.array([1.0, 1.001, 1.002])
-    with pytest.raises(ValueError, match="cannot tell incident from reflected"):
+    with pytest.raises(ValueError, match="cannot separate incident and reflected"):
         analysis.two_way_sea(np.array([sea(2, at) for at in x]), x, T, D, f=F)
     with pytest.raises(ValueError, match="three gauges"):
         analysis.two_way_sea(np.zeros((2, len(T))), x[:2], T, D, f=F)

@@ -373,12 +373,12 @@ def test_a_run_goes_on_under_a_higher_tank(whole, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"dx": 0.1}, "dx: cannot change during a run: it is the spacing"),
+        ({"dx": 0.1}, "dx cannot change during a run: it is the spacing"),
         ({"device.draught": 0.1}, "device.draught: cannot .* moves the walls"),
         ({"waves.H": 0.02}, "waves.H: cannot .* the paddle would jump"),
         ({"probes.gauges": [1.0]}, "probes.gauges: cannot .* columns of the present probes"),
         ({"tank.height": 0.5}, "tank.height = 0.5: must be higher than the .* m of the run"),
-        ({"pto.P_a": 10.0}, "pto: cannot change between a turbine and a prescribed pressure"),
+        ({"pto.P_a": 10.0}, "pto cannot change between a turbine and a prescribed pressure"),
         ({"pto.k_dm": 10.0}, "did you mean 'pto.K_dm'"),
         ({"output.sample_dt": 0.03}, "output.sample_dt = 0.03 s: the run is at 0.2 s, which is not a"),
     ],
@@ -542,7 +542,7 @@ def test_reflection_has_the_gravity_of_the_case():
 @pytest.mark.parametrize(
     ("gauges", "message"),
     [
-        ([2.0, 2.981, 3.962], "no result for the reflection: gauges at .* cannot tell incident"),
+        ([2.0, 2.981, 3.962], "no result for the reflection: gauges at .* cannot separate incident"),
         ([2.0, 3.0], "no result for the reflection: it needs three gauges or more between x = 0.42 and"),
     ],
 )

@@ -46,7 +46,7 @@ TANK = js.Case.from_dict(
         ({"solid.step.block": {"low": [0.2, 0.0], "high": [0.4, 0.0]}}, "must be below"),
         (
             {"solid.step.block": {"low": [-0.2, 0.0], "high": [0.4, 0.2]}},
-            "solid.step: extends outside the tank",
+            "solid.step extends outside the tank",
         ),
         (
             {"solid.step.block": {"low": [0.2, 0.0, 0.0], "high": [0.4, 0.2, 0.2]}},
@@ -65,11 +65,11 @@ TANK = js.Case.from_dict(
         ({"probes.pressure": [[1.9, 0.1]]}, r"probes.pressure\[0\] = .* inside the bed"),
         (
             {"device": {"chamber_length": 0.3, "wall_thickness": 0.08, "draught": 0.2}},
-            "solid.bed and device: have .* m2 in common",
+            "solid.bed and device have .* m2 in common",
         ),
         (
             {"waves": {"H": 0.05, "T": 1.0, "zone": 1.0}},
-            "solid.bed: begins at 0.8 m, but the relaxation zone",
+            "solid.bed begins at 0.8 m, but the relaxation zone",
         ),
         (
             {

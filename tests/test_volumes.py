@@ -189,7 +189,7 @@ def test_spheres_beside_each_other_do_not_overlap():
             {"body": BUOY | {"sphere": {"centre": [0.6, 0.4, 0.5], "radius": 0.04}}},
             "body.sphere.radius = 0.04 m",
         ),
-        ({"body": BUOY | {"sphere": {"centre": [1.1, 0.4, 0.5], "radius": 0.15}}}, "body: extends outside"),
+        ({"body": BUOY | {"sphere": {"centre": [1.1, 0.4, 0.5], "radius": 0.15}}}, "body extends outside"),
         ({"body": BUOY | {"sphere": {"centre": [0.6, 0.4], "radius": 0.15}}}, "body.sphere.centre"),
         ({"body": BUOY | {"disc": {"centre": [0.6, 0.5], "radius": 0.1}}}, "give exactly one of"),
         ({"body": {"disc": {"centre": [0.6, 0.5], "radius": 0.1}}}, "2 dimensions, and the tank has 3"),
@@ -207,14 +207,14 @@ def test_spheres_beside_each_other_do_not_overlap():
         ),
         (
             {"solid": {"post": {"cylinder": POST["cylinder"] | {"foot": [0.3, 0.4, -0.2]}}}},
-            "solid.post: extends outside",
+            "solid.post extends outside",
         ),
         ({"body": BUOY, "solid": {"post": {"sphere": BUOY["sphere"]}}}, "body and solid.post: have"),
         ({"solid": {"post": {"capsule": POST["cylinder"] | {"radius": 0.03}}}}, "solid.post.capsule.radius"),
-        ({"solid": {"post": {"capsule": POST["cylinder"]}}}, "solid.post: extends outside"),
+        ({"solid": {"post": {"capsule": POST["cylinder"]}}}, "solid.post extends outside"),
         (
             {"solid": {"post": {"revolution": LATHE | {"profile": [[-0.1, 0], [0.2, 0], [0, 0.3]]}}}},
-            "profile: has a corner at r = -0.1 m",
+            "profile has a corner at r = -0.1 m",
         ),
         (
             {
@@ -227,7 +227,7 @@ def test_spheres_beside_each_other_do_not_overlap():
                     }
                 }
             },
-            "solid.post.revolution.profile: its sides must not cross",
+            "solid.post.revolution.profile: the sides must not cross",
         ),
         ({"solid": {"post": {"extrusion": PRISM | {"z": None}}}}, "give exactly one of x, y and z"),
         ({"solid": {"post": {"extrusion": PRISM | {"z": [0.3, 0.1]}}}}, "must be an increasing pair"),
@@ -240,7 +240,7 @@ def test_spheres_beside_each_other_do_not_overlap():
                 "tank": {"length": 1.2, "depth": 0.5},
                 "solid": {"post": {"block": {"low": [0.4, 0], "high": [0.6, 0.2]}, "turned": [0, 0.1, 0]}},
             },
-            "turned: belongs to a shape in three dimensions",
+            "turned belongs to a shape in three dimensions",
         ),
         (
             {"solid": {"post": {"mesh": {"packed": "c3VyZmFjZQ=="}}}},

@@ -1,4 +1,4 @@
-"""False stress of a strained and of a randomly distorted lattice, for every kernel.
+"""Spurious stress of a strained and of a randomly distorted lattice, for every kernel.
 
 The kernels are chosen by this measure; see `jaxsph.core.lattice`.
 """

@@ -52,7 +52,7 @@ class BodyAtRest(NamedTuple):
 
 
 class LinearCoefficients(NamedTuple):
-    """Added mass `A` and damping `B` `[W, n, n]`, and excitation `X` `[W, n]`, by linear theory.
+    """Added mass `A` and damping `B` `[W, n, n]`, and excitation `X` `[W, n]`, from linear potential theory.
 
     The units and conventions are those of `Coefficients`.
     """
@@ -79,7 +79,8 @@ class Coefficients:
     A_spread: NDArray[np.float64]
     """Spread of the added mass `[W, n, n]`, in the unit of A."""
     B: NDArray[np.float64]
-    """Damping `[W, n, n]`, N s/m2, N s/m or N s. It includes losses that a potential flow does not have."""
+    """Damping `[W, n, n]`, N s/m2, N s/m or N s. The damping includes losses that a potential flow does not
+    have."""
     B_spread: NDArray[np.float64]
     """Spread of the damping `[W, n, n]`, in the unit of B."""
     X: NDArray[np.complex128]
@@ -106,7 +107,7 @@ class Coefficients:
     name: str = ""
     """Name of the case."""
     linear: LinearCoefficients | None = None
-    """Coefficients by linear theory of inviscid water; None if the theory does not cover the case."""
+    """Coefficients from linear potential theory; None if the theory does not cover the case."""
 
     @property
     def C(self) -> NDArray[np.float64]:
@@ -119,8 +120,8 @@ class Coefficients:
         return self._over_modes("inertia")
 
     def _over_modes(self, matrix: str) -> NDArray[np.float64]:
-        """Matrix named `matrix` of the bodies at rest, over all modes; motions of different bodies are not
-        coupled."""
+        """Matrix `[n, n]` over all modes, from the bodies' matrices called `matrix`. Motions of different
+        bodies are not coupled."""
         found = np.zeros((len(self.modes),) * 2)
         for i, one in enumerate(self.modes):
             for j, other in enumerate(self.modes):
@@ -184,8 +185,9 @@ def added_mass_and_damping(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Added mass and damping from the ratios of the water's force to the body's motion, for all periods.
 
-    `ratio` `[..., periods]`: complex amplitude of the force divided by that of the motion, N/m per metre of
-    width; `omega`: rad/s; `stiffness` `[...]`: hydrostatic stiffness without the contribution of the weight.
+    `ratio` `[..., periods]`: complex amplitude of the force divided by the complex amplitude of the motion,
+    N/m per metre of width; `omega`: rad/s; `stiffness` `[...]`: hydrostatic stiffness without the
+    contribution of the weight.
     **Returns** A `[..., periods]` = Re(ratio + C) / omega^2 and B `[..., periods]` = -Im(ratio) / omega.
     """
     restored = ratio + np.asarray(stiffness)[..., None]

@@ -75,7 +75,7 @@ def sea_direction(
     """Mean direction and spread (rad) of a sea from the phases at every frequency, weighted by energy.
 
     The method assumes that the waves of each frequency of the record have one direction. If waves of one
-    frequency have several directions, the result is smaller than their true spread.
+    frequency have several directions, the computed spread is smaller than the true spread.
 
     **Arguments**: as for `wave_direction`, with evenly spaced times; `f`: lowest and highest frequency of the
     sea (Hz). All gauges must be within half a wavelength, at the highest frequency, of the most central one.
@@ -88,7 +88,7 @@ def sea_direction(
     use = (every > f[0]) & (every < f[1])
     if np.sum(use) < 8:
         raise ValueError(
-            f"{np.sum(use)} frequencies between {f[0]:g} and {f[1]:g} Hz: the record is too short"
+            f"only {np.sum(use)} frequencies are between {f[0]:g} and {f[1]:g} Hz: the record is too short"
         )
     fade = scipy.signal.windows.tukey(t.size, TAPER)
     B = np.fft.rfft((eta - eta.mean(axis=1, keepdims=True)) * fade, axis=1)[:, use]
@@ -100,7 +100,8 @@ def sea_direction(
 
 
 def _checked(eta: ArrayLike, x: ArrayLike, t: ArrayLike) -> tuple[Series, Series, Series]:
-    """Times, elevations and positions in double precision. **Raises** ValueError if these are unsuitable."""
+    """Times, elevations and positions in double precision. **Raises** ValueError if the arrays are
+    unsuitable."""
     t, eta = checked(t, eta)
     x = np.asarray(x, np.float64)
     if eta.ndim != 2 or x.shape != (len(eta), 2):
@@ -108,25 +109,26 @@ def _checked(eta: ArrayLike, x: ArrayLike, t: ArrayLike) -> tuple[Series, Series
             f"eta of shape {eta.shape} must be [gauges, times], and x of shape {x.shape} [gauges, 2]"
         )
     if len(x) < 3:
-        raise ValueError(f"{len(x)} gauges: the direction needs three or more")
+        raise ValueError(f"the direction needs three gauges or more, not {len(x)}")
     condition = np.linalg.cond(x - np.mean(x, axis=0))
     if not condition < _MAX_CONDITION:
         raise ValueError(
             f"gauges at {x.tolist()} m are nearly on one line (condition {condition:.3g}): "
-            "move one to the side"
+            "move one gauge to the side"
         )
     return t, eta, x
 
 
 def _central(x: NDArray[np.float64], k: float) -> int:
     """Index of the most central gauge. **Raises** ValueError if another gauge is half a wavelength or more
-    away, where the phase of waves of wavenumber k (rad/m) is ambiguous."""
+    away, because the phase of waves of wavenumber k (rad/m) is then ambiguous."""
     farthest = np.max(np.linalg.norm(x[:, None] - x, axis=-1), axis=1)
     middle = int(np.argmin(farthest))
     if not k * farthest[middle] < np.pi:
         raise ValueError(
             f"gauges at {x.tolist()} m: the farthest is {farthest[middle]:.4g} m from the most central one, "
-            f"but must be less than half a wavelength, {np.pi / k:.4g} m, from it: place them closer together"
+            f"but must be less than half a wavelength, {np.pi / k:.4g} m, away: "
+            "place the gauges closer together"
         )
     return middle
 

@@ -8,8 +8,8 @@ import numpy as np
 
 
 def takers(series: Iterable[str], harvested: Collection[str] = ("power_pto",)) -> list[str]:
-    """Names of the parts, other than power take-offs and paddle, that remove energy, according to the series
-    `power_<name>`.
+    """Names of the parts with a series `power_<name>`, except the power take-offs and the paddle. These parts
+    remove energy from the water.
 
     `harvested`: names of the power take-offs' series.
     """
@@ -25,8 +25,8 @@ def energy_budget(
     The keys are `paddle` (work of paddles, driven bodies and body forces), `stored` (change of kinetic,
     potential and compression energy), `pto` (absorbed by all power take-offs), `viscous`, `diffusive`,
     `<name>` for every other series `power_<name>` (energy removed from the water, for example `sponge`,
-    `contact`), `residual` (the imbalance), and `residual_share` (ratio of `residual` to the paddle's work, or
-    to the largest kinetic energy if that is larger). The entry `projection` of an incompressible flow is
+    `contact`), `residual` (the imbalance), and `residual_share` (ratio of `residual` to the paddle's work or
+    to the largest kinetic energy, whichever is larger). The entry `projection` of an incompressible flow is
     negative if the pressure projection adds energy to the water.
 
     `harvested`: names of the power take-offs' series. A series `power_<name>` contains means over the

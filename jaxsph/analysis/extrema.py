@@ -28,10 +28,10 @@ class Extrema(NamedTuple):
 def extrema(t: ArrayLike, y: ArrayLike, window: int = 1, prominence: float = 0.1) -> Extrema:
     """Crests and troughs of a series y at times t (s), each located by a parabola through three points.
 
-    `window` samples (odd, 5 or more) smooth a noisy, uniformly sampled series by local
-    parabolas (Savitzky-Golay), which keep the height of a crest; 1 means no smoothing.
-    `prominence` is the smallest height by which an extremum must stand out, as a fraction of the
-    range of the series. **Raises** ValueError if there is no extremum.
+    `window` samples (odd, 5 or more) smooth a noisy, uniformly sampled series by local parabolas
+    (Savitzky-Golay), which preserve the height of a crest; 1 means no smoothing. `prominence` is the smallest
+    height by which an extremum must stand out, as a fraction of the range of the series. **Raises**
+    ValueError if there is no extremum.
     """
     t, y = checked(t, y)
     if window > 1:
@@ -100,7 +100,7 @@ def mae_amplitude(
 ) -> float:
     """Ratio of the mean absolute error of crests and troughs to the amplitude A (m), Eq. 29 (-).
 
-    Crests and troughs have equal weight. Pairing, options and errors are as in `matched_extrema`.
+    Crests and troughs have equal weight. Pairing, options and exceptions are as in `matched_extrema`.
     """
     _, values = matched_extrema(t, eta, t_ref, eta_ref, T, window, prominence)
     return float(np.mean(np.abs(values[:, 0] - values[:, 1])) / A)
@@ -117,7 +117,7 @@ def mae_phase(
 ) -> float:
     """Ratio of the mean absolute error of the times of crests and troughs to the period T (s), Eq. 30 (-).
 
-    Pairing, options and errors are as in `matched_extrema`.
+    Pairing, options and exceptions are as in `matched_extrema`.
     """
     times, _ = matched_extrema(t, eta, t_ref, eta_ref, T, window, prominence)
     return float(np.mean(np.abs(times[:, 0] - times[:, 1])) / T)

@@ -44,7 +44,7 @@ def linear_fit(particles: KDTree, f: Real, at: Real) -> LinearFit:
     axes, x = particles.m, particles.data
     near = min(NEIGHBOURS[axes], particles.n)
     if near < axes + 2:
-        raise ValueError(f"{particles.n} particles are too few for a field: {axes + 2} are needed")
+        raise ValueError(f"a field needs at least {axes + 2} particles, not {particles.n}")
     distance, index = particles.query(at, near)
     radius = np.maximum(distance[:, -1:], 1e-12)
     weight = (1.0 - (distance / radius) ** 2).clip(0.0) + 1e-3
@@ -56,5 +56,5 @@ def linear_fit(particles: KDTree, f: Real, at: Real) -> LinearFit:
 
 
 def vorticity(gradient: Real) -> Real:
-    """Vorticity normal to the x-z plane, du/dz - dw/dx, 1/s, of velocity gradients `[N, D, D]` (1/s)."""
+    """Vorticity normal to the x-z plane, du/dz - dw/dx, 1/s, from velocity gradients `[N, D, D]` (1/s)."""
     return gradient[:, -1, 0] - gradient[:, 0, -1]

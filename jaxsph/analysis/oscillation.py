@@ -38,7 +38,7 @@ def oscillation_period(t: ArrayLike, y: ArrayLike) -> float:
     y = y - np.mean(y)
     i = np.flatnonzero((y[:-1] < 0.0) & (y[1:] >= 0.0))
     if i.size < 2:
-        raise ValueError(f"{i.size} upward crossings of the mean: a period needs at least two")
+        raise ValueError(f"a period needs at least two upward crossings of the mean, not {i.size}")
     crossings = t[i] - y[i] * (t[i + 1] - t[i]) / (y[i + 1] - y[i])
     return float((crossings[-1] - crossings[0]) / (i.size - 1))
 
@@ -52,10 +52,10 @@ def _damped_basis(s: Series, decay_rate: float, omega: float) -> Series:
 def fit_damped_oscillation(t: ArrayLike, y: ArrayLike) -> DampedOscillation:
     """Damped oscillation about a final value, fitted to a series by least squares.
 
-    The search varies only the decay rate and omega. For each pair of these, a linear fit gives offset,
-    amplitude and phase (variable projection, Golub and Pereyra 1973). The search starts from the
-    best point of a grid with 0.5 to 60 cycles in the record. **Raises** ValueError for fewer than 8
-    samples, for a constant series, and if a damped cosine describes less than half of the variance.
+    The search varies only the decay rate and omega. For each pair of values, a linear fit gives offset,
+    amplitude and phase (variable projection, Golub and Pereyra 1973). The search starts from the best point
+    of a grid with 0.5 to 60 cycles in the record. **Raises** ValueError for fewer than 8 samples, for a
+    constant series, and if a damped cosine describes less than half of the variance.
     """
     t, y = checked(t, y)
     variance = np.var(y)
@@ -93,8 +93,8 @@ def decay_per_wavelength(x: ArrayLike, amplitude: ArrayLike, wavelength: float) 
 
     `amplitude`: complex amplitude a of the elevation Re a exp(i omega t) (m) at every position `x` (m). A
     least-squares fit finds a wave that decays along x and a reflected wave. The wavenumber of the decaying
-    wave may differ by a few per cent from 2 pi / `wavelength` (rad/m; `wavelength` in m). A fit without the
-    reflected wave would mistake the nodes and antinodes, which a reflection causes, for decay or growth. The
+    wave may differ by a few per cent from 2 pi / `wavelength` (rad/m; `wavelength` in m). In a fit without
+    the reflected wave, the nodes and antinodes due to a reflection would appear as decay or growth. The
     fraction is negative if the wave grows. **Raises** ValueError for fewer than four positions, for positions
     that span less than half a wavelength, and if all amplitudes are zero.
     """
@@ -103,7 +103,7 @@ def decay_per_wavelength(x: ArrayLike, amplitude: ArrayLike, wavelength: float) 
         raise ValueError("a decay needs amplitudes at four positions or more that span half a wavelength")
     size = float(np.max(np.abs(found)))
     if not size > 0.0:
-        raise ValueError("a decay needs waves: all amplitudes are zero")
+        raise ValueError("a decay needs waves, but all amplitudes are zero")
     k, along = 2.0 * np.pi / wavelength, x - x[0]
 
     def rest(parameters):

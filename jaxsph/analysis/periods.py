@@ -49,7 +49,7 @@ def whole_periods(t: ArrayLike, T: float, periods: int) -> NDArray[np.bool_]:
     if periods < 1 or T <= 0.0:
         raise ValueError(f"periods = {periods} and T = {T} must be positive")
     if t.size < 2:
-        raise ValueError(f"a record of {t.size} samples has no period")
+        raise ValueError(f"a record of {t.size} samples is too short for a period")
     start = t[-1] - periods * T
     slack = 0.01 * (t[-1] - t[0]) / (t.size - 1)
     if start < t[0] - slack:

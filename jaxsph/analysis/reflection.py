@@ -90,18 +90,19 @@ def reflection(
     if eta.ndim != 2 or x.shape != eta.shape[:1]:
         raise ValueError(f"eta of shape {eta.shape} must be [gauges, times] and match x of shape {x.shape}")
     if x.size < 2:
-        raise ValueError(f"{x.size} gauges: at least two are needed to tell incident from reflected waves")
+        raise ValueError(f"to separate incident and reflected waves, use at least two gauges, not {x.size}")
     periods = periods or int((t[-1] - t[0]) / T * (1.0 + 1e-6))
     mask = whole_periods(t, T, max(periods, 1))
     if np.sum(mask) < _MIN_SAMPLES_PER_PERIOD * max(periods, 1):
-        raise ValueError(f"fewer than {_MIN_SAMPLES_PER_PERIOD} samples per period")
+        raise ValueError(f"the record has fewer than {_MIN_SAMPLES_PER_PERIOD} samples per period")
     k = float(theory.wavenumber(2.0 * np.pi / T, d, g))
     B = fundamental(t[mask], eta[:, mask], T)
     (incident,), (reflected,), (condition,) = separated(np.array([k]), x, B[None])
     if not condition < _MAX_CONDITION:
         raise ValueError(
-            f"gauges at {x.tolist()} m cannot tell incident from reflected waves (condition {condition:.3g}) "
-            f"at a wavelength of {2.0 * np.pi / k:.4g} m: avoid distances near multiples of half a wavelength"
+            f"gauges at {x.tolist()} m cannot separate incident and reflected waves "
+            f"(condition {condition:.3g}) at a wavelength of {2.0 * np.pi / k:.4g} m: "
+            "avoid distances near multiples of half a wavelength"
         )
     incident, reflected = abs(incident), abs(reflected)
     if incident == 0.0:
@@ -132,8 +133,8 @@ class TwoWaySea(NamedTuple):
     coefficient: float
     """Reflection coefficient of the sea, square root of the ratio of reflected to incident variance (-)."""
     left_out: float
-    """Fraction of the frequencies (-) at which the gauges cannot separate the waves; averages leave these
-    out."""
+    """Fraction of the frequencies (-) at which the gauges cannot separate the waves; averages exclude these
+    frequencies."""
 
 
 def two_way_sea(
@@ -169,14 +170,17 @@ def two_way_sea(
     every = np.fft.rfftfreq(t.size, step)
     use = np.flatnonzero((every > f[0]) & (every < f[1]))
     if use.size < 4 * bands:
-        raise ValueError(f"{use.size} frequencies between {f[0]:g} and {f[1]:g} Hz: the record is too short")
+        raise ValueError(
+            f"only {use.size} frequencies are between {f[0]:g} and {f[1]:g} Hz: the record is too short"
+        )
     k = np.asarray(theory.wavenumber(2.0 * np.pi * every[use], d, g), np.float64)
     incident, reflected, condition = separated(k, x, B[:, use].T)
     sound = condition < _MAX_CONDITION
     if np.mean(sound) < 0.5:
         raise ValueError(
-            f"gauges at {x.tolist()} m cannot tell incident from reflected waves at {np.mean(~sound):.0%} of "
-            "the frequencies: place them at uneven distances of a tenth to a third of a wavelength"
+            f"gauges at {x.tolist()} m cannot separate incident and reflected waves "
+            f"at {np.mean(~sound):.0%} of the frequencies: place the gauges at uneven distances of "
+            "a tenth to a third of a wavelength"
         )
     both = np.zeros((2, every.size))
     # density: half the squared amplitude, divided by the frequency step

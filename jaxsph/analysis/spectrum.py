@@ -86,7 +86,9 @@ def spectrum(t: ArrayLike, y: ArrayLike, bands: int = BANDS) -> Spectrum:
     t, y = checked(t, y)
     step = even_step(t)
     if y.ndim != 1 or t.size < 8 * bands:
-        raise ValueError(f"a spectrum needs one series of at least {8 * bands} samples, not shape {y.shape}")
+        raise ValueError(
+            f"a spectrum needs one series of at least {8 * bands} samples, not an array of shape {y.shape}"
+        )
     fade: Any = ("tukey", TAPER)  # the type stubs only have windows without parameters
     f, S = scipy.signal.periodogram(y, 1.0 / step, window=fade, detrend="constant")
     return banded(f, S, bands)
@@ -147,7 +149,7 @@ def zero_crossing_waves(t: ArrayLike, eta: ArrayLike) -> ZeroCrossingWaves:
     y = eta - np.mean(eta)
     up = np.flatnonzero((y[:-1] < 0.0) & (y[1:] >= 0.0))
     if len(up) < 2:
-        raise ValueError(f"{len(up)} upward crossings of the mean: there is no whole wave")
+        raise ValueError(f"the record has no whole wave, only {len(up)} upward crossings of the mean")
     when = t[up] - y[up] * (t[up + 1] - t[up]) / (y[up + 1] - y[up])
     H = [np.ptp(y[a + 1 : b + 1]) for a, b in itertools.pairwise(up)]
     return ZeroCrossingWaves(np.array(H), np.diff(when))
@@ -166,13 +168,15 @@ def mean_with_error(y: ArrayLike) -> Mean:
     """Mean of an evenly sampled, correlated series and its standard error, s sqrt(2 tau / n).
 
     s is the standard deviation of the n samples. The integral time scale tau, in samples, is 0.5 plus the sum
-    of the autocorrelation from lag 1 to the first lag beyond six tau (Sokal 1997). For a series
-    shorter than about ten tau the error is too small. **Raises** ValueError for fewer than 8 samples.
+    of the autocorrelation from lag 1 to the first lag beyond six tau (Sokal 1997). For a series shorter than
+    about ten tau the computed error is too small. **Raises** ValueError for fewer than 8 samples.
     """
     y = np.asarray(y, np.float64)
     n = y.size
     if y.ndim != 1 or n < 8:
-        raise ValueError(f"a mean with an error needs one series of at least 8 samples, not shape {y.shape}")
+        raise ValueError(
+            f"a mean with an error needs one series of at least 8 samples, not an array of shape {y.shape}"
+        )
     rest = y - np.mean(y)
     variance = float(np.mean(rest**2))
     if variance <= (1e-12 * np.max(np.abs(y))) ** 2:

@@ -46,7 +46,7 @@ def sponge_layers(case: Sections) -> list[Zone]:
 
 
 def relaxation_zones(case: Sections) -> list[Zone]:
-    """Zones of a case that relax the water towards its waves."""
+    """Zones of a case in which the water is relaxed towards the waves of the case."""
     waves, found = case.waves, []
     if waves is None:
         return []
@@ -64,7 +64,7 @@ def make_sponges(case: Sections, geometry: Geometry, leaf: Any) -> tuple[Sponge,
     layers = []
     for zone in sponge_layers(case):
         low, high = zone.ends(geometry)
-        # a layer ends a spacing beyond the wall, so that water that touches the wall is in it
+        # a layer ends a spacing beyond the wall, so that the layer contains water at the wall
         start, end = (low, high + case.dx) if zone.far else (high, low - case.dx)
         layers.append(SpongeLayer(leaf(start), leaf(end), zone.axis))
     return (Sponge(tuple(layers), leaf(case.sponge.strength)),)
@@ -95,14 +95,14 @@ def _check_sponge(case: Sections, geometry: Geometry) -> None:
     for key, instead in (("near", "zone"), ("sides", "side_zones")):
         if case.waves is not None and getattr(sponge, key) is not None:
             raise CaseError(
-                f"sponge.{key} = {getattr(sponge, key):g} m: would damp the waves of the case: give "
+                f"sponge.{key} = {getattr(sponge, key):g} m would damp the waves of the case: give "
                 f"waves.{instead}, a relaxation zone, which also absorbs waves, or remove waves"
             )
     if sponge.sides is not None:
         given, width = f"sponge.sides = {sponge.sides:g} m", geometry.width
         if width is None:
             raise CaseError(
-                f"{given}: needs a tank in three dimensions: give tank.width, or remove sponge.sides"
+                f"{given} needs a tank in three dimensions: give tank.width, or remove sponge.sides"
             )
         if 2.0 * sponge.sides >= width:
             raise CaseError(f"{given}: must be less than half the width of {width:g} m")
@@ -126,7 +126,7 @@ def _check_clear(zone: Zone, covered: Mapping[str, np.ndarray], geometry: Geomet
         if first < high - 1e-9 and last > low + 1e-9:
             raise CaseError(
                 f"{zone.key} = {zone.thickness:g} m: the zone from {coordinate} = {first:.4g} to {last:.4g} "
-                f"m covers {what}, from {low:.4g} to {high:.4g} m, and would absorb its energy: use a "
+                f"m covers {what}, from {low:.4g} to {high:.4g} m, and would absorb energy there: use a "
                 f"narrower zone, or remove {zone.key}"
             )
 

@@ -19,7 +19,7 @@ LAWS: dict[str, tuple[str, ...]] = {
     "curve": VALVE,
     "P_a": ("ramp",),
 }
-"""Keys that select the law of a power take-off; for each key, the further keys that its law allows."""
+"""Keys that select the law of a power take-off, each with the further keys that the law allows."""
 
 FAR = "far"
 """Name of the tank's end wall in `chamber.NAME.between`."""
@@ -54,7 +54,7 @@ class PTOSection(Section):
     """Fourier coefficients of ln(K_dm(t)/K_dm) over the wave phase, a cosine and a sine coefficient for each
     harmonic: [a1, b1, a2, b2]."""
     resistance: float | None = Field(None, ge=0, le=1e12)
-    """Resistance of a linear turbine, for example a Wells turbine, P_a = resistance q, Pa s/m2 (Pa s/m3
+    """Resistance of a linear turbine (P_a = resistance q), for example a Wells turbine, Pa s/m2 (Pa s/m3
     in 3-D)."""
     area: Area | None = None
     """Area of an orifice, m2 (per metre of width in 2-D)."""
@@ -85,10 +85,10 @@ class PTOSection(Section):
             )
         if self.phase is not None and (self.K_dm is None or len(self.phase) % 2):
             raise ValueError(
-                f"pto.phase = {list(self.phase)}: needs pto.K_dm, and a cosine and a sine for every harmonic"
+                f"pto.phase = {list(self.phase)} needs pto.K_dm, and a cosine and a sine for every harmonic"
             )
         if not self.is_turbine and (self.relief is not None or self.suction is not None):
-            raise ValueError("pto.relief and pto.suction: belong to a turbine, not to a prescribed pressure")
+            raise ValueError("pto.relief and pto.suction belong to a turbine, not to a prescribed pressure")
         if self.curve is not None:
             _check_curve(self.curve)
         return self
@@ -126,11 +126,11 @@ def _check_curve(curve: tuple[tuple[float, float], ...]) -> None:
             raise ValueError(
                 f"pto.curve: the point ({q:g} m2/s, {p:g} Pa) is followed by ({after:g} m2/s, {higher:g} "
                 "Pa); flow and pressure must both rise from each point to the next: sort the points, and "
-                "leave out those at which the turbine stalls"
+                "leave out the points at which the turbine stalls"
             )
     if (0.0, 0.0) not in curve:
         raise ValueError(
-            "pto.curve: must contain the point (0, 0); without it the turbine would drive the water"
+            "pto.curve: must contain the point (0, 0); without this point the turbine would drive the water"
         )
 
 
@@ -160,8 +160,8 @@ class ChamberSection(Section):
     the body. The hollow is open below and closed by a roof."""
     at: Coordinate | tuple[Coordinate, Coordinate] | None = None
     """Position x inside the hollow at the still water level, m; needed if the body has several hollows. In
-    three dimensions a point (x, y) in the chamber, m: the chamber is the water surface that solids, or the
-    `body`, enclose around it."""
+    three dimensions a point (x, y) in the chamber, m; the chamber covers the water surface that solids, or
+    the `body`, enclose around this point."""
     pto: PTOSection | None = None
     air: AirSection | None = None
 
@@ -176,7 +176,7 @@ class ChamberSection(Section):
                 "at = [x, y], a point in the chamber"
             )
         if self.at is not None and self.body is None and not inside:
-            raise ValueError("at: selects a hollow of a body: give it only together with body")
+            raise ValueError("at selects a hollow of a body: give at only together with body")
         return self
 
 

@@ -278,7 +278,7 @@ def _imaged(images: Images, x: jax.Array, radius: float, skin: float) -> tuple[j
 def _neighbour_count(
     targets: np.ndarray, sees: np.ndarray, sources: np.ndarray, kinds: np.ndarray, grid: Grid
 ) -> np.ndarray:
-    """For each target, the number of sources within the grid's radius whose kind the target sees.
+    """Number of sources within the grid's radius of each target whose kinds are in the target's mask `sees`.
 
     A tree on the host counts the sources, because a search on the device would be compiled for every build.
     """

@@ -14,19 +14,21 @@ from jaxsph.case.sections import Sections
 from jaxsph.case.settling import given_waves
 from jaxsph.case.speeds import wavenumber
 from jaxsph.case.wave_section import AbstractWavesSection
+from jaxsph.case.wave_sections import RegularWavesSection
 from jaxsph.errors import CaseError
 from jaxsph.parts.relaxation import BasinZone
 from jaxsph.parts.segmented import SegmentedPaddle
 from jaxsph.waves.base import AbstractWaves
 from jaxsph.waves.fields import AbstractWaveField, DirectionalSea, LongCrestedWaves
+from jaxsph.waves.theory import stokes3_wavenumber
 
 SIDE_STRENGTH = 4.0
 """Ratio of the largest rate of the zones along the side walls to the waves' angular frequency.
 
 The side walls reflect oblique waves, and a high rate keeps the reflection in the zones; but it also reflects
-a part of the waves that enter the zones. By the linear shallow-water equations with zones half a wavelength
-wide, waves at 20 degrees differ by up to 10, 11 and 8 % from the target at ratios of 2, 4 and 8, and by 2, 2
-and 1 % on average; 11, 25 and 33 % of waves that meet the zones at right angles are reflected.
+a part of the waves that enter the zones. The linear shallow-water equations were solved with zones half a
+wavelength wide, at ratios of 2, 4 and 8. Waves at 20 degrees differ from the target by up to 10, 11 and 8 %,
+and by 2, 2 and 1 % on average. Of waves that meet the zones at right angles, 11, 25 and 33 % are reflected.
 """
 LEAST_WIDTH = 0.25
 """Smallest width of the zones along the side walls, in wavelengths."""
@@ -42,7 +44,13 @@ def make_field(case: Sections, geometry: Geometry, waves: AbstractWaves, leaf: A
     """Wave field over the plan of a basin; `waves`: waves along the tank, with the same components."""
     section, middle = given_waves(case), 0.5 * _width(geometry)
     if getattr(section, "spreading", None) is None:
-        return LongCrestedWaves(waves=waves, direction=leaf(section.direction), middle=leaf(middle))
+        longer = 1.0
+        if isinstance(section, RegularWavesSection):
+            third = stokes3_wavenumber(section.H, section.T, geometry.depth, case.g)
+            longer = wavenumber(section.T, geometry.depth, case.g) / float(third)
+        return LongCrestedWaves(
+            waves=waves, direction=leaf(section.direction), middle=leaf(middle), lengthening=leaf(longer)
+        )
     a, omega = section.sum_of_waves(geometry.depth, case.g)
     return DirectionalSea.of(
         a,
@@ -92,7 +100,7 @@ def check_basin(case: Sections, geometry: Geometry) -> None:
         return
     key, value = _key(waves)
     if geometry.width is None:
-        raise CaseError(f"{value}: needs a tank in three dimensions: give tank.width, or remove waves.{key}")
+        raise CaseError(f"{value} needs a tank in three dimensions: give tank.width, or remove waves.{key}")
     if waves.zone is None:
         raise CaseError(
             f"{value}: the paddle makes only waves along the tank: give waves.zone, the length of a "

@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy  # which imports its subpackages on first use
+import scipy  # scipy imports its subpackages on first use
 
 from jaxsph.case.body_sections import BodySection, LinkSection, MotionSection, spatial
 from jaxsph.case.geometry import Geometry
@@ -133,7 +133,7 @@ def _ends(
         if body not in case.every_body:
             there = ", ".join(case.every_body) or "none"
             asked = f"link.{name}.{'body' if section.between is None else 'between'}"
-            raise CaseError(f"{asked}: there is no body {body!r}; there are {there}")
+            raise CaseError(f"{asked}: there is no body {body!r}; the bodies are {there}")
     if section.body is not None and section.motion is not None:
         free = case.every_body[section.body].free
         if section.motion not in free:
@@ -154,7 +154,8 @@ def _ends(
 
 
 def check_position(point: Sequence[float], key: str, dim: int) -> None:
-    """**Raises** CaseError for a point with more coordinates than the tank has dimensions, `dim`."""
+    """**Raises** CaseError for a point with more than `dim` coordinates, where `dim` is the number of
+    dimensions of the tank."""
     if len(point) > dim:
         raise CaseError(f"{key} = {list(point)}: must be a position (x, z), because the tank has no width")
 

@@ -83,8 +83,8 @@ class LinkSection(Section):
     body: Name | None = None
     """Name of the body along whose joint the link acts; give it together with `motion`."""
     motion: Motion | None = None
-    """Motion of the body, relative to the body or tank that it is joined to, along which the link acts. With
-    a rotation, forces are moments (N m), extensions are angles (rad), and speeds are in rad/s."""
+    """Motion along which the link acts, relative to the body or tank to which the body is joined. With a
+    rotation, forces are moments (N m), extensions are angles (rad), and speeds are in rad/s."""
     between: tuple[Name, Name] | None = None
     """Two bodies between which the link acts; "tank" stands for the tank. Give it together with `at`."""
     at: tuple[Position, Position] | None = None
@@ -103,8 +103,8 @@ class LinkSection(Section):
     friction: Coefficient = 0.0
     """Force of Coulomb friction, N."""
     slack: bool = False
-    """Whether the link is a rope, which becomes slack and does not push; its damping acts while it is
-    taut."""
+    """Whether the link is a rope, which becomes slack instead of pushing; damping then acts only while the
+    rope is taut."""
     stops: tuple[Coordinate, Coordinate] | None = None
     """Least and largest extension before the end stops act, m; give it together with `stop_stiffness`."""
     stop_stiffness: Coefficient = 0.0
@@ -162,7 +162,7 @@ class MotionSection(Section):
     period: Time | None = None
     """Period of the harmonic motion, s."""
     phase: Motions = (0.0, 0.0, 0.0)
-    """Phases of these motions in amplitude sin(2 pi t / period + phase), rad."""
+    """Phases of the harmonic motions, amplitude sin(2 pi t / period + phase), rad."""
     ramp: Duration | None = None
     """Time over which a harmonic motion grows to its amplitude, s; by default one period."""
     t: tuple[Duration, ...] = Field((), max_length=50_000)
@@ -201,8 +201,8 @@ class MotionSection(Section):
 
     @property
     def samples(self) -> np.ndarray:
-        """Samples `[K, 3]` of surge (m), heave (m) and pitch (rad), or `[K, 6]` of all motions if there are
-        samples of others; zero where they are not given."""
+        """Samples `[K, 3]` of surge (m), heave (m) and pitch (rad), or `[K, 6]` of all motions if the
+        section gives samples of another motion; zero for motions without samples."""
         still, planar = (0.0,) * len(self.t), not (self.sway or self.roll or self.yaw)
         names = PLANAR if planar else MOTIONS
         return np.stack([getattr(self, name) or still for name in names], axis=1)

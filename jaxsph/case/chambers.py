@@ -152,7 +152,7 @@ def stretch_in(key: str, body: str, at: float | None, shape: AbstractShape, tank
     places = ", ".join(f"{a:.4g} to {b:.4g} m" for a, b in hollows)
     found = hollows if at is None else [(a, b) for a, b in hollows if a < at < b]
     if len(found) != 1:
-        given = "give" if at is None else f"{key}.at = {at:g} m is in none: give"
+        given = "give" if at is None else f"{key}.at = {at:g} m is in none of them: give"
         raise CaseError(f"{asked}: the body has hollows from x = {places}; {given} {key}.at in one of them")
     ((first, last),) = found
     middle, beside = 0.5 * (first + last), 1e-4 * tank.dx
@@ -174,8 +174,8 @@ def stretch_in(key: str, body: str, at: float | None, shape: AbstractShape, tank
             back.append((right[0], z))
     if not np.isfinite(top):
         raise CaseError(
-            f"{asked}: its hollow from x = {first:.4g} to {last:.4g} m is open above: close it with a roof "
-            "for the air pressure to act on"
+            f"{asked}: the hollow from x = {first:.4g} to {last:.4g} m is open at the top: add a roof on "
+            "which the air pressure can act"
         )
     tip = float(np.round(max(tip, corners[0]), 9))
     here = Stretch(asked, body, np.array(front), np.array(back), tip, top, first, last)

@@ -50,7 +50,7 @@ def read_columns(path: str | Path, units: dict[str, str], wanted: list[set[str]]
         values = [_number(cell) for cell in row]
         if len(row) != len(header) or not all(math.isfinite(value) for value in values):
             raise CaseError(
-                f"{place}: must be {len(header)} finite numbers, {', '.join(header)}, separated by commas"
+                f"{place}: must have {len(header)} finite numbers, {', '.join(header)}, separated by commas"
             )
         for name, value in zip(header, values, strict=True):
             found[name].append(value)
@@ -67,16 +67,16 @@ def read_bytes(path: Path, kind: str, remedy: str, most: int) -> bytes:
         # without O_NONBLOCK, opening a pipe that has no writer would block for ever
         with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb") as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise CaseError(f"{path}: is a folder, a pipe or a device, not a {kind}; {remedy}")
+                raise CaseError(f"{path} is a folder, a pipe or a device, not a {kind}; {remedy}")
             data = file.read(most + 1)  # some files, for example those in /proc, report no size
     except FileNotFoundError:
         raise CaseError(f"no {kind} {str(path)!r}: {remedy}") from None
     except OSError as error:
-        raise CaseError(f"{path}: cannot be read: {error.strerror}") from None
+        raise CaseError(f"{path} cannot be read: {error.strerror}") from None
     except ValueError as error:  # an invalid file name
-        raise CaseError(f"{str(path)!r}: cannot be read: {error}") from None
+        raise CaseError(f"{str(path)!r} cannot be read: {error}") from None
     if len(data) > most:
-        raise CaseError(f"{path}: is too large for a {kind}, which has at most {most:.0e} bytes")
+        raise CaseError(f"{path} is too large for a {kind}, which has at most {most:.0e} bytes")
     return data
 
 
@@ -90,10 +90,10 @@ def read_text(path: Path, kind: str, remedy: str) -> str:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise CaseError(
-            f"{path}: is not UTF-8 text from byte {error.start} on; save the file as UTF-8"
+            f"{path} is not UTF-8 text from byte {error.start} on; save the file as UTF-8"
         ) from None
     if "\0" in text:
-        raise CaseError(f"{path}: is not a text file: it has NUL bytes, from byte {data.index(0)} on")
+        raise CaseError(f"{path} is not a text file: it has NUL bytes, from byte {data.index(0)} on")
     return text
 
 

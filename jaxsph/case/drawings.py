@@ -37,13 +37,13 @@ def read_outline(path: Path, scale: float | None) -> Corners:
         raise CaseError(f"{path}: {error}") from None
     except Exception:  # the libraries raise errors of any type for a damaged file
         raise CaseError(
-            f"{path}: cannot be read as a drawing; save it again as {path.suffix[1:].upper()}"
+            f"{path} cannot be read as a drawing; save the drawing again as {path.suffix[1:].upper()}"
         ) from None
     if unit is None and scale is None:
-        raise CaseError(f"{path}: has no unit of length: give scale, in m per drawing unit")
+        raise CaseError(f"{path} has no unit of length: give scale, in m per drawing unit")
     if len(outlines) != 1:
         raise CaseError(
-            f"{path}: has {len(outlines)} closed outlines: must have one (a closed polyline, path or "
+            f"{path} has {len(outlines)} closed outlines: must have one (a closed polyline, path or "
             "circle); use a separate drawing for each solid"
         )
     return outlines[0] * (1.0 if unit is None else unit) * (1.0 if scale is None else scale)

@@ -32,7 +32,7 @@ _DIRECTION = (
     "`waves.zone`"
 )
 _SIDES = (
-    "absorption at the side walls: in waves made by a relaxation zone, `waves.zone`, give "
+    "absorption at the side walls: if a relaxation zone, `waves.zone`, makes the waves, give "
     "`waves.side_zones`, the width of relaxation zones along these walls, m; without waves, give "
     "`sponge.sides`"
 )

@@ -75,7 +75,7 @@ def _with_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     data = dict(data)
     waves = data.get("waves")
     if isinstance(waves, dict) and "file" in waves and waves.get("kind") != "recorded":
-        raise CaseError('waves.file: belongs to waves.kind = "recorded"')
+        raise CaseError('waves.file belongs to waves.kind = "recorded"')
     for place, reader in READ.items():
         _put(data, place.split("."), "", reader, folder)
     return data
@@ -122,7 +122,7 @@ def _read_motion(path: Path) -> dict[str, Any]:
 
 
 def _read_shape(path: Path, scale: Any = None, at: Any = None) -> dict[str, Any]:
-    """Reads a mesh; or the corners of a shape, in order along its outline, from columns x and z (m) or from a
+    """Reads a mesh, or the corners of a shape in order along the outline, from columns x and z (m) or from a
     drawing.
 
     `scale` multiplies the lengths, and `at` is the position (m) of the file's origin in the tank.
@@ -172,7 +172,7 @@ def _parsed(path: Path, text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise CaseError(f"{path}: not a TOML file: {error}") from None
+        raise CaseError(f"{path} is not a TOML file: {error}") from None
     except RecursionError:
         raise CaseError(f"{path}: lists or tables are nested too deep for a case") from None
     except ValueError as error:  # integers of thousands of digits

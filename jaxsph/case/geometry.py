@@ -71,7 +71,7 @@ class Geometry:
     stretches: dict[str, WaterSurface]
     """Stretches of the water surface below chambers, by the chambers' names."""
     bodies: dict[str, AbstractShape]
-    """Shapes of the rigid bodies at rest, by name; a body comes after the body that it is joined to."""
+    """Shapes of the rigid bodies at rest, by name; a body comes after the body to which it is joined."""
     solids: dict[str, AbstractShape]
     """Shapes of the fixed solids, by name."""
     gauges: tuple[float, ...]
@@ -139,7 +139,7 @@ class Geometry:
         if abs(snapped - value) > slack * value:
             raise CaseError(
                 f"{name} = {value:g} m does not fit dx = {self.dx:g} m: it would be rounded to "
-                f"{snapped:g} m; use dx of at most {value / least:.4g} m that divides it"
+                f"{snapped:g} m; use dx of at most {value / least:.4g} m that divides this length"
             )
         if abs(snapped - value) > 1e-6 * value:
             self.notices.append(
@@ -168,13 +168,11 @@ class Geometry:
             over = 3.0 * tank.depth  # the jet at the far wall reaches twice the depth if all energy is kept
         height = tank.height if tank.height is not None else tank.depth + max(over, 8 * case.dx)
         if height <= tank.depth:
-            raise CaseError(
-                f"tank.height = {height:g} m: must be above the water, tank.depth = {tank.depth:g} m"
-            )
+            raise CaseError(f"tank.height = {height:g} m: must be more than tank.depth = {tank.depth:g} m")
         self.height = self._rounded_up(height)
 
     def _column(self, case: Sections) -> None:
-        """Sets the length of the released column, or of the whole tank without one, and the layer's depth."""
+        """Sets the length of the released column, by default the whole tank's, and the depth of the layer."""
         self.column = self.length
         if case.tank.column is None:
             if case.tank.layer is not None:
@@ -186,7 +184,7 @@ class Geometry:
         for name in ("waves", "device", "start"):
             if getattr(case, name) is not None:
                 raise CaseError(
-                    f"{asked} leaves the tank's end dry, but [{name}] needs a full tank: remove one"
+                    f"{asked} leaves the tank's end dry, but [{name}] needs a full tank: remove one of them"
                 )
         self.column = min(self.snap("tank.column", case.tank.column, least=4, slack=0.1), self.length)
         if case.tank.layer is not None:
@@ -220,7 +218,7 @@ class Geometry:
         if draught > self.depth - 2 * self.dx:
             raise CaseError(
                 f"device.draught = {device.draught:g} m: the plate must leave at least two spacings "
-                f"of water below it, so at most {self.depth - 2 * self.dx:g} m here"
+                f"of water below it; use at most {self.depth - 2 * self.dx:g} m"
             )
         thickness = device.wall_thickness
         try:
@@ -242,12 +240,12 @@ class Geometry:
         if height > self.plate.tip - 2 * self.dx:
             raise CaseError(
                 f"device.platform_height = {device.platform_height:g} m: must leave at least two spacings of "
-                f"water under the plate, so at most {self.plate.tip - 2 * self.dx:g} m here"
+                f"water under the plate; use at most {self.plate.tip - 2 * self.dx:g} m"
             )
         if length > self.length - 4 * self.dx:
             raise CaseError(
-                f"device.platform_length = {device.platform_length:g} m: must leave water in front of it, so "
-                f"at most {self.length - 4 * self.dx:g} m here"
+                f"device.platform_length = {device.platform_length:g} m: must leave water in front of the "
+                f"platform; use at most {self.length - 4 * self.dx:g} m"
             )
         self.platform = Platform(float(np.round(self.length - length, 12)), height)
 
@@ -319,7 +317,7 @@ class Geometry:
         self.stretches = water_surfaces(case, tank)
 
     def _solid_with_walls(self, name: str, section: SolidSection, walls: list) -> SolidSection:
-        """Section of a solid; its corners on walls that rounding has shifted are shifted with them."""
+        """Section of a solid; corners on walls that rounding has shifted are shifted with the walls."""
         if section.polygon is not None:
             corners = (
                 self._with_walls(f"solid.{name}.polygon[{index}]", corner, walls)
@@ -360,7 +358,7 @@ class Geometry:
             self.height = max(self.height, self._rounded_up(float(corners[:, -1].max()) + 4 * self.dx))
 
     def _probes(self, case: Sections) -> None:
-        """Sets the positions of gauges and sensors; probes on a wall that rounding moved are moved, too."""
+        """Sets the positions of gauges and sensors; probes on a wall that rounding moved are moved too."""
         walls = list(self._moved_walls(case))
         upper = self.upper
         self.gauges = tuple(
@@ -380,8 +378,8 @@ class Geometry:
                     place = self._with_walls(f"probes.{name}[{index}]", point, walls)
                 if len(place) != len(most) or not all(0 <= a <= b for a, b in zip(place, most, strict=True)):
                     raise CaseError(
-                        f"probes.{name}[{index}] = {list(point)} is not a point of the tank "
-                        f"({len(most)} coordinates between 0 and {most})"
+                        f"probes.{name}[{index}] = {list(point)} is not inside the tank: "
+                        f"give {len(most)} coordinates between 0 and {most}"
                     )
                 points.append(place)
             setattr(self, name, tuple(points))
@@ -428,7 +426,7 @@ def walls_of(case: Sections) -> str:
 
 
 def thin_wall(device: Device | None) -> AbstractThinWall:
-    """Method that places the ghosts of thin plates: as the device specifies, or the default without one."""
+    """Method that places the ghosts of thin plates: that of the device, or the default without a device."""
     if device is None:
         return RegionalGhosts()
     division = {"a": DiagonalDivision, "b": HorizontalDivision, "c": FivePartDivision}[device.division]()

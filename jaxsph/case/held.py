@@ -1,6 +1,7 @@
 """Cases from which the added mass, damping and excitation of a case's bodies are found.
 
-In still water one motion of one body is given and all others are held; in regular waves all bodies are held.
+In still water one motion of one body is prescribed and all others are held; in regular waves all bodies are
+held.
 """
 
 from __future__ import annotations
@@ -89,7 +90,9 @@ def find_modes(
     modes = []
     for body, motions in asked.items():
         if body not in case.every_body:
-            raise CaseError(f"body {body!r}: there is no such body; there are {', '.join(case.every_body)}")
+            raise CaseError(
+                f"body {body!r}: there is no such body; the bodies are {', '.join(case.every_body)}"
+            )
         for motion in motions:
             if motion not in MOTIONS:
                 raise CaseError(f"motion {motion!r}: must be one of {', '.join(MOTIONS)}")
@@ -223,8 +226,9 @@ def check_period(case: Case, T: float) -> None:
         )
     if case.sponge is not None and case.sponge.length < LEAST_SPONGE * length:
         raise CaseError(
-            f"{asked} is more than twice sponge.length = {case.sponge.length:g} m, and much of the waves "
-            f"would return: use a shorter period, or a sponge of at least {LEAST_SPONGE * length:.3g} m"
+            f"{asked} is more than twice sponge.length = {case.sponge.length:g} m, and a large part "
+            "of the waves would return: use a shorter period, or a sponge of at least "
+            f"{LEAST_SPONGE * length:.3g} m"
         )
     row = gauges(geometry, T, case.g, None if case.waves is None else case.waves.zone)
     if worst_separation(row, 2.0 * math.pi / length) > LARGEST_CONDITION:
@@ -239,15 +243,15 @@ def gauges(geometry: Geometry, T: float, g: float, zone: float | None) -> list[f
     """Positions of five gauges in front of the solids, m, over 0.45 wavelengths of the period T (s) if there
     is room.
 
-    The gauges are a depth or more from the solids, and a depth or more from the paddle or beyond the
-    relaxation `zone` (m), because there are evanescent waves closer to the solids and the
-    paddle. **Raises** CaseError if there is no room.
+    The gauges are at least one depth from the solids, and at least one depth from the paddle or beyond the
+    relaxation `zone` (m), because there are evanescent waves closer to the solids and the paddle.
+    **Raises** CaseError if there is no room.
     """
     first, last = zone or geometry.depth, _front(geometry) - geometry.depth
     if last - first < 8.0 * geometry.dx:
         raise CaseError(
-            f"tank: the first solid is {_front(geometry):.3g} m from the paddle, and gauges need a distance "
-            f"of one depth, {geometry.depth:g} m, from each, and eight spacings in between; move the bodies "
+            f"tank: the first solid is {_front(geometry):.3g} m from the paddle, but gauges need a distance "
+            f"of one depth, {geometry.depth:g} m, from both, and eight spacings in between; move the bodies "
             f"away from the paddle by {8.0 * geometry.dx - (last - first):.3g} m or more"
         )
     span = min(last - first, 0.45 * 2.0 * math.pi / wavenumber(T, geometry.depth, g))

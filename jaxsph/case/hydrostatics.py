@@ -82,7 +82,7 @@ def inertia_matrix(mass: float, about_centre: float, arm: NDArray[np.float64]) -
     """Inertia matrix `[3, 3]` of surge, heave and pitch about a pivot, kg/m, kg, kg m.
 
     `mass` (kg/m); moment of inertia `about_centre` of mass (kg m); `arm` (x, z) from the pivot to the centre
-    of mass (m), which a pitch of theta moves by (z, -x) theta.
+    of mass (m). A pitch of theta moves the centre of mass by (z, -x) theta.
     """
     way = np.array([[1.0, 0.0, arm[1]], [0.0, 1.0, -arm[0]], [0.0, 0.0, 1.0]])
     return way.T @ np.diag([mass, mass, about_centre]) @ way

@@ -32,8 +32,8 @@ def at_rest(x: np.ndarray, level: float, dx: float, kernel: AbstractKernel) -> n
     """Positions `[N, D]` (m) of a lattice below `level` (m), moved to where incompressible water is at rest.
 
     The surface truncates the kernel. The rows of particles near the surface are therefore at rest up to two
-    hundredths of a spacing off the lattice. Rows that start on the lattice rise or sink, and the projection
-    does work. This happens with kernels that are not in `SURFACE_ROWS`.
+    hundredths of a spacing off the lattice. With kernels that are not in `SURFACE_ROWS` the rows start on the
+    lattice; they then rise or sink, and the projection does work.
     """
     rise = (*SURFACE_ROWS.get((type(kernel), x.shape[1]), ()), 0.0)
     moved = np.array(x)

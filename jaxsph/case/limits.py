@@ -28,7 +28,7 @@ from jaxsph.solids.images import Images
 from jaxsph.solids.shapes import AbstractShape
 
 MOST_STEPS = 1e8
-"""Largest number of time steps of a run; in the smallest tank they take weeks."""
+"""Largest number of time steps of a run; this many steps take weeks even in the smallest tank."""
 MOST_PARTICLES = 2**31 - 1
 """Largest number of lattice points of a case, because the particles are numbered by int32."""
 BYTES_PER_PLACE = 150
@@ -118,12 +118,12 @@ def check_memory(case: Sections, geometry: Geometry) -> None:
 
 
 def machine_memory() -> float:
-    """Smallest memory, bytes, among those of the machine, its control group and the accelerator in use."""
+    """Smallest of the memories of the machine, its control group and the accelerator in use, bytes."""
     found = [math.inf]
     try:
         found.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
     except (AttributeError, OSError, ValueError):
-        pass  # the system does not report it
+        pass  # the system does not report its memory
     try:
         found.append(float(Path("/sys/fs/cgroup/memory.max").read_text()))
     except (OSError, ValueError):
@@ -188,7 +188,7 @@ def _check_standing_wave(case: Sections, geometry: Geometry) -> None:
     if case.waves is not None:
         raise CaseError("start and waves exclude each other: remove one of the sections")
     if case.g == 0.0:
-        raise CaseError("start: a standing wave needs gravity, and g = 0: remove the section")
+        raise CaseError("start: a standing wave needs gravity, but g = 0: remove the section")
     half = geometry.length / start.mode
     if half < 2 * case.dx:
         raise CaseError(
@@ -209,11 +209,11 @@ def _check_waves(case: Sections, geometry: Geometry) -> None:
         for pto in case.turbines:
             if pto.phase is not None:
                 raise CaseError(
-                    f"pto.phase = {list(pto.phase)}: follows the phase of waves, and the case has no waves"
+                    f"pto.phase = {list(pto.phase)} follows the phase of waves, but the case has no waves"
                 )
         return
     if case.g == 0.0:
-        raise CaseError("waves: need gravity, and g = 0: remove the section")
+        raise CaseError("waves need gravity, but g = 0: remove the section")
     T = waves.period_key
     highest, why = breaking_height(waves.period, geometry.depth, case.g)
     if waves.height > highest:
@@ -254,8 +254,8 @@ def _check_zone(zone: float, length: float, geometry: Geometry) -> None:
         )
     if zone > 0.9 * geometry.front:
         raise CaseError(
-            f"waves.zone = {zone:g} m: leaves less than a tenth of the {geometry.front:g} m of water beyond "
-            "it: use a longer tank.length, or a shorter zone"
+            f"waves.zone = {zone:g} m leaves less than a tenth of the {geometry.front:g} m of water beyond "
+            "the zone: use a longer tank.length, or a shorter zone"
         )
 
 
@@ -288,13 +288,13 @@ def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSe
         if section.air.volume < stretch.surface * rise:
             of, volume = ("m", "m2") if case.dim == 2 else ("m2", "m3")
             raise CaseError(
-                f"{key}air.volume = {section.air.volume:g} {volume}: waves of {rise:.3g} m may fill it; at "
-                f"least {stretch.surface * rise:.3g} {volume} are needed in a chamber of "
+                f"{key}air.volume = {section.air.volume:g} {volume}: waves of {rise:.3g} m may fill the "
+                f"chamber; at least {stretch.surface * rise:.3g} {volume} are needed in a chamber of "
                 f"{stretch.surface:g} {of}"
             )
     elif section.pto is None and not any(name in duct.between for duct in case.duct.values()):
         raise CaseError(
-            f"chamber.{name}: its air has no outlet: give [chamber.{name}.pto], a duct, or "
+            f"chamber.{name}: the air has no outlet: give [chamber.{name}.pto], a duct, or "
             f"[chamber.{name}.air] for compressible air"
         )
     if section.pto is None or not section.pto.P_a:
@@ -310,7 +310,7 @@ def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSe
     draught = geometry.depth - stretch.tip
     if fall > draught:
         raise CaseError(
-            f"{asked} would lower the chamber's level by {fall:.3g} m, but its wall ends {draught:g} m "
+            f"{asked} would lower the chamber's level by {fall:.3g} m, but the wall ends {draught:g} m "
             f"below still water: use at most {section.pto.P_a * draught / fall:.4g} Pa"
         )
     if -fall > room:
@@ -327,7 +327,7 @@ def _check_ducts(case: Sections) -> None:
         for end in duct.between:
             if end not in case.chambers:
                 there = ", ".join(case.chambers) or "none"
-                raise CaseError(f"{asked}: there is no chamber {end!r}; there are {there}")
+                raise CaseError(f"{asked}: there is no chamber {end!r}; the chambers are {there}")
         if duct.between[0] == duct.between[1]:
             raise CaseError(f"{asked}: a duct needs two different chambers")
         if duct.pto is not None and not duct.pto.is_turbine:
@@ -344,16 +344,16 @@ def _check_probes(case: Sections, geometry: Geometry) -> None:
         for index, x in enumerate(geometry.gauges):
             if plate.x0 + slack < x < plate.x1 - slack:
                 raise CaseError(
-                    f"probes.gauges[{index}] = {x:g} m: is inside the plate, which is between {plate.x0:g} "
-                    f"and {plate.x1:g} m: move it out"
+                    f"probes.gauges[{index}] = {x:g} m is inside the plate, which is between {plate.x0:g} "
+                    f"and {plate.x1:g} m: move the gauge out of the plate"
                 )
     for name in ("pressure", "velocity"):
         for index, point in enumerate(getattr(geometry, name)):
             solid = _solid_at(geometry, point, slack)
             if solid is not None:
                 raise CaseError(
-                    f"probes.{name}[{index}] = {list(point)} m: is inside the {solid}: move it out, or onto "
-                    "its surface"
+                    f"probes.{name}[{index}] = {list(point)} m is inside the {solid}: move the point out, or "
+                    "onto the surface"
                 )
 
 
@@ -380,7 +380,7 @@ def _check_solids(case: Sections, geometry: Geometry) -> None:
         first = float(shape.bounds()[0][0])
         if case.waves is not None and first < max(clear, zone):
             what = f"relaxation zone ends at {zone:g} m" if zone > clear else f"paddle needs {clear:.3g} m"
-            raise CaseError(f"solid.{name}: begins at {first:.4g} m, but the {what}: move it away")
+            raise CaseError(f"solid.{name} begins at {first:.4g} m, but the {what}: move the solid away")
 
 
 def _check_coast(case: Sections, geometry: Geometry) -> None:
@@ -390,12 +390,12 @@ def _check_coast(case: Sections, geometry: Geometry) -> None:
         for name in getattr(case.probes, key):
             if name not in geometry.solids:
                 there = ", ".join(geometry.solids) or "none"
-                raise CaseError(f"probes.{key}: there is no solid {name!r}; there are {there}")
+                raise CaseError(f"probes.{key}: there is no solid {name!r}; the solids are {there}")
             top = float(geometry.solids[name].bounds()[1][-1])
             if top <= geometry.depth:
                 raise CaseError(
                     f"probes.{key}: the crest of {name}, at {top:g} m, is below still water, at "
-                    f"{geometry.depth:g} m: it is always overtopped; make it higher, or remove the probe"
+                    f"{geometry.depth:g} m, and always overtopped: make the solid higher, or remove the probe"
                 )
 
 

@@ -158,7 +158,7 @@ def why_no_theory(case: Sections) -> str:
 
 
 def _missing(case: Sections, seas: bool = False) -> str | None:
-    """Reason why linear theory of regular waves, or of `seas`, does not cover a case; None if it does."""
+    """Reason why linear theory of regular waves, or of `seas`, does not cover a case; None if covered."""
     if case.dim == 3:
         return "tank.width: the tank has three dimensions"
     if len(case.chambers) > 1:
@@ -180,7 +180,7 @@ def _missing(case: Sections, seas: bool = False) -> str | None:
     if pto.curve is not None or pto.has_relief:
         return "pto.curve is neither linear nor quadratic" if pto.curve else "pto has a relief valve"
     if pto.phase is not None:
-        return "pto.phase lets the damping vary over the wave"
+        return "pto.phase varies the damping over the wave"
     if case.device.platform_height:
         return f"device.platform_height = {case.device.platform_height:g} m"
     return None

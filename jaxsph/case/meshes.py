@@ -59,12 +59,12 @@ class Triangles(NamedTuple):
                 raise ValueError
         except (ValueError, IndexError, zlib.error, binascii.Error):
             raise ValueError(
-                "is not the packed surface of a mesh file; give the name of that file as file"
+                "is not the packed surface of a mesh file; give the mesh file with the key file"
             ) from None
         vertices = np.frombuffer(data[8 : ends[0]], "<f4").reshape(-1, 3).astype(float)
         faces = np.frombuffer(data[ends[0] :], "<u4").reshape(-1, 3).astype(int)
         if not len(faces) or faces.max() >= len(vertices) or not np.isfinite(vertices).all():
-            raise ValueError("is not the packed surface of a mesh file; give the name of that file as file")
+            raise ValueError("is not the packed surface of a mesh file; give the mesh file with the key file")
         return cls(vertices, faces)
 
 
@@ -83,11 +83,11 @@ def read_mesh(path: Path, scale: float = 1.0) -> Triangles:
         vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int)
     except Exception:  # the library raises errors of any type for a damaged file
         raise CaseError(
-            f"{path}: cannot be read as a mesh; save it again as {path.suffix[1:].upper()}"
+            f"{path} cannot be read as a mesh; save the mesh again as {path.suffix[1:].upper()}"
         ) from None
     if not 0 < len(faces) <= MOST_TRIANGLES:
         raise CaseError(
-            f"{path}: has {len(faces)} triangles: must have at least one, and at most {MOST_TRIANGLES}; "
+            f"{path} has {len(faces)} triangles: must have at least one, and at most {MOST_TRIANGLES}; "
             "simplify the surface: details below a spacing of the particles do not matter"
         )
     mesh = trimesh.Trimesh(vertices, faces, process=True)
@@ -109,12 +109,12 @@ def _gaps(mesh: Any) -> str:
     edges, count = np.unique(np.asarray(mesh.edges_sorted), axis=0, return_counts=True)
     odd = np.asarray(mesh.vertices)[edges[count != 2]]
     if not len(odd):
-        return "its surface does not enclose a volume"
+        return "the surface does not enclose a volume"
     middle = odd.mean(axis=1)
     place = ", ".join(f"{a:.4g}" for a in middle[np.lexsort(middle.T[::-1])[0]])
     return (
-        f"is not watertight: {len(odd)} edges do not belong to exactly two triangles, the first at ({place}) "
-        "in the units of the file; close the surface in your CAD program"
+        f"the surface is not watertight: {len(odd)} edges do not belong to exactly two triangles, the first "
+        f"at ({place}) in the units of the file; close the surface in your CAD program"
     )
 
 

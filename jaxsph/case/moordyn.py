@@ -47,7 +47,9 @@ def read_moordyn(
     options = file.options()
     if at is None:
         if "wtrdpth" not in options:
-            raise CaseError(f"{path}: OPTIONS has no WtrDpth: give mooring.at, the file's origin")
+            raise CaseError(
+                f"{path}: OPTIONS has no WtrDpth: give mooring.at, the position of the file's origin"
+            )
         at = [0.0, options["wtrdpth"]]
     if not (isinstance(at, list) and len(at) == 2 and all(isinstance(one, int | float) for one in at)):
         raise ValueError(f"at = {at!r}: must be a position [x, z], m")
@@ -73,7 +75,9 @@ def read_moordyn(
             line = {key: value for key, value in line.items() if key not in DYNAMIC}
         found[f"line{words[0]}"] = line
     if not found:
-        raise CaseError(f"{path}: has no LINES: expected a MoorDyn file of version 2 with at least one line")
+        raise CaseError(
+            f"{path} has no table LINES: expected a MoorDyn file of version 2 with at least one line"
+        )
     return found
 
 
@@ -112,7 +116,7 @@ class _File:
         return CaseError(f"{self.path}, line {number}: {what}")
 
     def number(self, number: int, word: str) -> float:
-        """Number that a word of a line gives. **Raises** CaseError if the word is not a finite number."""
+        """Number in a word of a line. **Raises** CaseError if the word is not a finite number."""
         try:
             value = float(word)
         except ValueError:

@@ -61,7 +61,9 @@ class MooringSection(Section):
         dynamic = "segments", "damping", "drag", "added_mass", "bed_stiffness", "bed_damping"
         given = [key for key in dynamic if key in self.changed]
         if self.kind == "catenary" and given:
-            raise ValueError(f'{", ".join(given)}: belong to kind = "line": remove them, or change the kind')
+            raise ValueError(
+                f'{", ".join(given)}: for kind = "line" only: remove these keys, or change the kind'
+            )
         if self.kind == "line" and (self.mass is None or self.drag is None):
             raise ValueError('kind = "line" needs mass, diameter and drag')
         return self

@@ -83,7 +83,7 @@ def check_moorings(case: Sections, geometry: Geometry) -> None:
         weight = section.weight_in_water(case.fluid.rho0, case.g)
         if weight <= 0.0:
             raise CaseError(
-                f"mooring.{name}: weighs {weight:.3g} N/m in water, but must sink: use a larger mass or a "
+                f"mooring.{name} weighs {weight:.3g} N/m in water, but must sink: use a larger mass or a "
                 "smaller diameter; for a rope without weight use a link with slack = true"
             )
         _check_path(case, geometry, name, section)
@@ -103,7 +103,7 @@ def _check_ends(case: Sections, geometry: Geometry, name: str, section: MooringS
     the tank, or if the anchor is inside a solid."""
     if section.body not in case.every_body:
         there = ", ".join(case.every_body) or "none"
-        raise CaseError(f"mooring.{name}.body: there is no body {section.body!r}; there are {there}")
+        raise CaseError(f"mooring.{name}.body: there is no body {section.body!r}; the bodies are {there}")
     slack = 0.01 * case.dx
     for key in ("at", "anchor"):
         check_position(getattr(section, key), f"mooring.{name}.{key}", case.dim)
@@ -117,8 +117,8 @@ def _check_ends(case: Sections, geometry: Geometry, name: str, section: MooringS
     for other in geometry.initial:
         if _depth_in(geometry, other, anchor[None]) > slack:
             raise CaseError(
-                f"mooring.{name}.anchor = {list(section.anchor)} m: is inside {other}: move it out, or onto "
-                "its surface"
+                f"mooring.{name}.anchor = {list(section.anchor)} m is inside {other}: move the anchor out, "
+                "or onto the surface"
             )
     span = math.dist(fairlead, anchor)
     if span > (1.0 + MOST_STRETCH) * section.length:
@@ -138,8 +138,8 @@ def _check_path(case: Sections, geometry: Geometry, name: str, section: MooringS
     lowest = float(points[:, -1].min())
     if lowest < -0.5 * case.dx:
         raise CaseError(
-            f"mooring.{name}.anchor = {list(section.anchor)} m: is above the bed, and the line would sag "
-            f"{-lowest:.3g} m below it: use an anchor on the bed (z = 0), or a shorter line"
+            f"mooring.{name}.anchor = {list(section.anchor)} m is above the bed, and the line would sag "
+            f"{-lowest:.3g} m below the bed: use an anchor on the bed (z = 0), or a shorter line"
         )
     for other in geometry.initial:
         depth = _depth_in(geometry, other, points)

@@ -16,13 +16,13 @@ def check_names(case: Sections) -> None:
     named = [(f"{kind}.{name}", name) for kind in kinds for name in getattr(case, kind)]
     named += [(f"{case.body_key(body)}.pto", name) for body, name in case.pto_names.items()]
     if case.body is not None and ONLY_BODY in case.bodies:
-        raise CaseError(f"bodies.{ONLY_BODY}: is the same body as [{ONLY_BODY}]: give one of the two")
+        raise CaseError(f"bodies.{ONLY_BODY} and [{ONLY_BODY}] are the same body: give only one of them")
     usual = (f"chamber.{DEVICE_CHAMBER}", "" if case.body is not None else f"bodies.{ONLY_BODY}")
     for key, name in named:
         # a solid at rest is not stored in the snapshots
         taken = TAKEN if key.startswith("solid.") else TAKEN + RESERVED
         if name in taken and key not in usual:
-            raise CaseError(f"{key}: the names {', '.join(taken)} are reserved: give it another name")
+            raise CaseError(f"{key}: the names {', '.join(taken)} are reserved: choose another name")
         twice = [other for other, one in named if one == name and other != key]
         if twice:
-            raise CaseError(f"{key} and {twice[0]}: have the same name: rename one of them")
+            raise CaseError(f"{key} and {twice[0]} have the same name: rename one of them")

@@ -99,8 +99,8 @@ def _gauge_notices(case: Sections, geometry: Geometry) -> list[str]:
     reach = GAUGE * case.dx - 1e-9
     return [
         f"probes.gauges[{index}] = {x:g} m: a gauge measures the water up to {reach:.3g} m to either side, "
-        f"but {what} is in this range, from {low:.4g} to {high:.4g} m: the readings mix both sides, or are "
-        "too low"
+        f"but {what} is in this range, from {low:.4g} to {high:.4g} m: the readings mix the levels of both "
+        "sides, or are too low"
         for index, x in enumerate(geometry.gauges)
         for what, low, high in spans
         if low - reach < x < high + reach
@@ -122,6 +122,6 @@ def _sinking(case: Sections, geometry: Geometry) -> list[str]:
         if mass > most:
             notes.append(
                 f"{key} sinks: its mass of {mass:.4g} {per} is more than the {most:.4g} {per} of water that "
-                "it can displace, and no link or mooring holds it; the run stops when it reaches the bed"
+                "it can displace, and no link or mooring holds it; the run stops when the body is on the bed"
             )
     return notes

@@ -60,7 +60,7 @@ def make_paddle(
     case: Sections, geometry: Geometry, walls: Ghosts, water: tuple[np.ndarray, np.ndarray], leaf: Any
 ) -> AbstractPaddle:
     """Wavemaker of a case's waves; `water`: positions (m) of the particles at rest and their volumes
-    per metre of the tank's width (m2), from which the still water depth at the paddle's gauge follows."""
+    per metre of the tank's width (m2); they give the still water depth at the paddle's gauge."""
     section, waves = case.waves, make_waves(case, geometry, leaf)
     if has_basin(case):
         return make_segmented(case, geometry, make_field(case, geometry, waves, leaf), walls.paddle, leaf)

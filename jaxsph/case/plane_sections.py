@@ -76,7 +76,7 @@ class BlockSection(AbstractShapeSection):
         least = min(b - a for a, b in zip(self.low, self.high, strict=True))
         if least < 0.5 * dx:
             raise CaseError(
-                f"{key}: is {least:g} m thick, and must be at least half a spacing, {0.5 * dx:g} m"
+                f"{key} is {least:g} m thick, but must be at least half a spacing, {0.5 * dx:g} m"
             )
 
     def shape(self, dx):
@@ -85,7 +85,7 @@ class BlockSection(AbstractShapeSection):
 
     def notices(self, key, dx):
         """Notice if a face does not lie midway between two particles; the notice proposes a dx that fits all
-        faces, if there is one."""
+        faces, if such a dx exists."""
         faces = np.array([*self.low, *self.high])
         off = np.abs(faces / dx - np.round(faces / dx)) * dx
         if off.max() < 1e-3 * dx:
@@ -97,8 +97,8 @@ class BlockSection(AbstractShapeSection):
         if common >= 0.25 * dx:
             fits = f"dx = {common / max(1, math.ceil(common / dx - 1e-9)):.4g} m fits all faces of the block"
         return [
-            f"{key}: its face at {faces[worst]:g} m misses the lattice of {dx:g} m by {off[worst]:.3g} m: "
-            "the water's volume is right, but particles next to the face are not half a spacing from it; "
+            f"{key}: the face at {faces[worst]:g} m misses the lattice of {dx:g} m by {off[worst]:.3g} m: "
+            "the water's volume is right, but particles next to the face are not half a spacing away; "
             f"{fits}"
         ]
 
@@ -156,7 +156,7 @@ class DiscSection(AbstractPlaneSection):
 
 
 class PlateSection(AbstractPlaneSection):
-    """A straight thin plate of any inclination; water on one side does not act on water on the other."""
+    """A straight thin plate of any inclination; water on one side does not act on water on the other side."""
 
     foot: tuple[Coordinate, Coordinate]
     """Midpoint (x, z) of one end, m."""
@@ -170,7 +170,7 @@ class PlateSection(AbstractPlaneSection):
         length = math.dist(self.foot, self.head)
         if length < max(2.0 * dx, self.thickness):
             raise CaseError(
-                f"{key}: is {length:.4g} m long from foot to head; its length must be at least its "
+                f"{key} is {length:.4g} m long from foot to head; the length must be at least the "
                 f"thickness, and at least two spacings of {dx:g} m"
             )
         if self.thickness < 0.45 * dx:
@@ -190,22 +190,22 @@ class PlateSection(AbstractPlaneSection):
 
 
 def check_outline(corners: Corners, key: str, dx: float) -> None:
-    """**Raises** CaseError, which names `key`, if sides between the corners cross or touch, or if the area
-    that they enclose is too thin to contain a particle of spacing dx (m)."""
+    """**Raises** CaseError, which names `key`, if sides between the corners cross or touch, or if the
+    enclosed area is too thin to contain a particle of spacing dx (m)."""
     sides = np.roll(corners, -1, axis=0) - np.asarray(corners)
     lengths = np.hypot(*sides.T)
     if lengths.min() < 1e-3 * dx:
         here = int(lengths.argmin())
         raise CaseError(
             f"{key}: corners {here} and {(here + 1) % len(corners)} are at the same place, "
-            f"{list(corners[here])}: remove one (the outline closes by itself)"
+            f"{list(corners[here])}: remove one of them (the outline closes by itself)"
         )
     whole = shapely.Polygon(corners)
     if not whole.is_valid:
-        raise CaseError(f"{key}: its sides must not cross or touch each other ({explain_validity(whole)})")
+        raise CaseError(f"{key}: the sides must not cross or touch each other ({explain_validity(whole)})")
     if whole.buffer(-0.5 * dx, join_style="mitre", mitre_limit=20.0).is_empty:
         raise CaseError(
-            f"{key}: is everywhere thinner than a spacing (dx = {dx:g} m), and contains no particle"
+            f"{key} is everywhere thinner than a spacing (dx = {dx:g} m), and contains no particle"
         )
 
 

@@ -98,7 +98,7 @@ def water_surfaces(case: Sections, tank: Tank) -> dict[str, WaterSurface]:
 def _stretch(key: str, section: ChamberSection, tank: Tank) -> Stretch:
     """Water surface of a chamber in two dimensions."""
     if isinstance(section.at, tuple):
-        raise CaseError(f"{key}.at = {list(section.at)}: needs tank.width; in two dimensions give x alone")
+        raise CaseError(f"{key}.at = {list(section.at)} needs tank.width; in two dimensions give x alone")
     if section.between is not None:
         return stretch_between(key, section.between, tank)
     assert section.body is not None
@@ -150,8 +150,8 @@ def _pool(key: str, section: ChamberSection, tank: Tank) -> Pool:
     top += seam if roofed else -seam
     if carrier and not roofed:
         raise CaseError(
-            f"{asked}: the hollow of {carrier!r} is open above, at z = {top:.4g} m: close it with a roof "
-            "for the air pressure to act on"
+            f"{asked}: the hollow of {carrier!r} is open at the top (z = {top:.4g} m): add a roof on "
+            "which the air pressure can act"
         )
     corners = np.asarray(surface.simplify(CLOSE * tank.dx).exterior.coords)[:-1]
     found = Pool(asked, carrier, corners, tip, top, float(surface.area))
@@ -168,7 +168,7 @@ def _cuts(
 ) -> CutAt:
     """Function that returns the enclosed water around a point (x, y) (m) at any level; see `CutAt`.
 
-    Water is connected with the waves if it reaches the lowest x of the `box` between two corners (m). The
+    Water is connected with the waves if it reaches the lowest x of the `box`, given by two corners (m). The
     section is sampled at points that are `fine` spacings dx (m) apart.
     """
     (low, high), side = box, fine * dx
@@ -220,7 +220,7 @@ def _check(pool: Pool, cut: CutAt, tank: Tank) -> None:
             f"{pool.given}: the chamber is {pool.narrowest:.3g} m wide, and must be at least three spacings "
             f"of dx = {tank.dx:g} m wide"
         )
-    # closer to an edge than a spacing, the distances on the grid do not resolve the section
+    # closer than a spacing to an edge, the distances on the grid do not resolve the section
     for level in (pool.tip + tank.dx, min(2.0 * tank.depth - pool.tip, pool.top - tank.dx)):
         water = cut(level)
         area = 0.0 if water is None else water.area

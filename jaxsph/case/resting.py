@@ -1,8 +1,8 @@
 """Bodies of a case at rest: their equilibrium in still water, and their inertia and stiffness about it.
 
-The equilibrium minimises the potential energy of weight, links and displaced water. Small motions about it
-have the stiffness that is the energy's second derivative with respect to the coordinates of the joints. This
-is host code in double precision: use it with `jax.enable_x64(True)`.
+The equilibrium minimises the potential energy of weight, links and displaced water. The stiffness of small
+motions about the equilibrium is the second derivative of this energy with respect to the coordinates of the
+joints. The computations run on the host in double precision and need `jax.enable_x64(True)`.
 """
 
 from __future__ import annotations

@@ -33,9 +33,9 @@ from jaxsph.waves import theory
 FEW = 5
 """Number of averaged periods below which a longer run is advised, if earlier periods were left out."""
 REFLECTING = 0.2
-"""Reflection coefficient above which the waves that a device reflects affect it when they return. An
-absorbing paddle reflects a twentieth of their amplitude, and the relative change of the power is then a tenth
-of the coefficient."""
+"""Reflection coefficient above which waves reflected by a device affect the device when they return. An
+absorbing paddle reflects a twentieth of the amplitude of these waves, and the relative change of the power is
+then a tenth of the coefficient."""
 WHOLE = 0.95
 """Fraction of a focused group's energy that must have reached the device before an efficiency is given."""
 
@@ -88,8 +88,8 @@ def _before_the_echo(case: Sections, record: Record) -> list[str]:
         return []
     end = echo + case.output.periods * waves.cycle
     return [
-        f"means begin at t = {begin:.3g} s, before the waves that the device reflects return to it from "
-        f"the paddle, at t = {echo:.3g} s: xi may then change by a few per cent; for its final value raise "
+        f"means begin at t = {begin:.3g} s, before the waves that the device reflects return from the "
+        f"paddle, at t = {echo:.3g} s: xi may then change by a few per cent; for the final xi raise "
         f"t1 to {end:.4g} s"
     ]
 

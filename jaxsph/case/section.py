@@ -57,7 +57,7 @@ def by_name(annotation: Any) -> bool:
 
 
 def kind_of(kinds: Mapping[str, type[Section]]) -> Callable[[Any], Any]:
-    """Function that returns the `kind` of a section, or of a mapping that is validated as one. A mapping
+    """Function that returns the `kind` of a section, or of a mapping to be validated as a section. A mapping
     without a kind has the first of the `kinds`."""
     usual = next(iter(kinds))
 

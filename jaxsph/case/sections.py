@@ -52,7 +52,7 @@ class WeaklyCompressible(Section):
     """Kind of scheme; each kind has its own keys."""
     kernel: KernelName = "gaussian"
     """Smoothing kernel: the truncated Gaussian, Wendland's C2, the exponential of a semicircle, or the
-    polynomial with the least false stress in a strained lattice."""
+    polynomial with the least spurious stress in a strained lattice."""
     h_over_dx: float = Field(1.2, ge=0.9, le=2.5)
     """Smoothing length divided by dx (-); Wendland's kernel has 1.5 times this smoothing length."""
     cut: float = Field(3.5, ge=2.5, le=4)
@@ -97,7 +97,7 @@ class Incompressible(Section):
     kind: Literal["incompressible"] = "incompressible"
     """Kind of scheme; each kind has its own keys."""
     kernel: KernelName | None = None
-    """Smoothing kernel: the polynomial with the least false stress in a strained lattice (default in two
+    """Smoothing kernel: the polynomial with the least spurious stress in a strained lattice (default in two
     dimensions), the exponential of a semicircle (default in three), the truncated Gaussian, or Wendland's
     C2."""
     h_over_dx: float | None = Field(None, ge=0.9, le=2.5)
@@ -276,7 +276,7 @@ class Sections(Section):
     name: str = Field("case", min_length=1, max_length=100, pattern=r"^[^/\\\x00-\x1f\x7f]+$")
     """Name of the case, without slashes; the run file is named after it."""
     description: str = Field("", max_length=10_000)
-    """Free text: what is run, and its source."""
+    """Free text: what the case models, and the source of its data."""
     dx: Length
     """Spacing of the particles, m."""
     t1: Time

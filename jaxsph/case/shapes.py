@@ -29,7 +29,7 @@ def shape_of(section: ShapeSection, name: str, dim: int, dx: float) -> AbstractS
     """
     given = section.given
     if given.dim != dim:
-        raise CaseError(f"{name}: its shape has {given.dim} dimensions, and the tank has {dim}")
+        raise CaseError(f"{name}: the shape has {given.dim} dimensions, but the tank has {dim}")
     given.check(f"{name}.{section.shape_key}", dx)
     return section.placed(dx)
 
@@ -41,7 +41,7 @@ def check_inside(corners: np.ndarray, name: str, upper: Sequence[float], slack: 
     if out.any():
         at = ", ".join(f"{a:.4g}" for a in corners[out][0])
         raise CaseError(
-            f"{name}: extends outside the tank at ({at}) m; the tank extends from 0 to {list(upper)} m"
+            f"{name} extends outside the tank at ({at}) m; the tank extends from 0 to {list(upper)} m"
         )
 
 
@@ -59,7 +59,7 @@ def check_apart(shapes: Mapping[str, AbstractShape], dx: float) -> None:
             common = shapes[a].region().intersection(shapes[b].region()).area
         if common > 0.5 * dx**dim:
             raise CaseError(
-                f"{a} and {b}: have {common:.3g} m{dim} in common: move one of them, or combine both in one "
+                f"{a} and {b} have {common:.3g} m{dim} in common: move one of them, or combine both in one "
                 "shape"
             )
 
@@ -169,7 +169,7 @@ def inertia_of(section: BodySection, shape: AbstractShape, key: str) -> Inertia:
 
 
 def _about_centre(inertia: Any, shift: float, key: str) -> float:
-    """Moment of inertia (kg m) about the centre of mass, from that about the pivot and their difference."""
+    """Moment of inertia (kg m) about the centre of mass, less than `inertia` about the pivot by `shift`."""
     if inertia <= shift:
         raise CaseError(
             f"{key}.inertia = {inertia:g}: the moment of inertia about the pivot must be more "
@@ -179,19 +179,19 @@ def _about_centre(inertia: Any, shift: float, key: str) -> float:
 
 
 def _tensor_about_centre(section: BodySection, shift: np.ndarray, key: str) -> np.ndarray:
-    """Inertia tensor (kg m2) about the centre of mass, from that about the pivot and their difference."""
+    """Inertia tensor (kg m2) about the centre of mass: the tensor about the pivot less `shift`."""
     given = section.inertia
     if isinstance(given, float | int):
         beyond = [one for one in section.free if one in ("roll", "yaw")]
         if beyond:
             raise CaseError(
-                f"{key}.inertia = {given:g}: is the inertia in pitch, and the body is also free in "
+                f"{key}.inertia = {given:g} is the inertia in pitch, but the body is also free in "
                 f"{', '.join(beyond)}: give [I_xx, I_yy, I_zz]"
             )
         return _about_centre(given, float(shift[1, 1]), key) * np.eye(3)
     assert given is not None
     if len(given) not in (3, 6):
-        raise CaseError(f"{key}.inertia: must have 1, 3 or 6 numbers, and has {len(given)}")
+        raise CaseError(f"{key}.inertia: must have 1, 3 or 6 numbers, but has {len(given)}")
     tensor = np.diag(given[:3]).astype(float)
     for (i, j), value in zip(((0, 1), (0, 2), (1, 2)), given[3:], strict=False):
         tensor[i, j] = tensor[j, i] = value
@@ -208,7 +208,7 @@ def _tensor_about_centre(section: BodySection, shift: np.ndarray, key: str) -> n
 
 
 def in_order(case: Sections) -> dict[str, BodySection]:
-    """Rigid bodies of a case by name, each after the body that it is joined to.
+    """Rigid bodies of a case by name, each after the body to which it is joined.
 
     **Raises** CaseError if a body is joined to a body that does not exist, or if joints form a closed loop.
     """
@@ -217,8 +217,8 @@ def in_order(case: Sections) -> dict[str, BodySection]:
         if section.joined_to is not None and section.joined_to not in sections:
             others = ", ".join(other for other in sections if other != name) or "none"
             raise CaseError(
-                f"{case.body_key(name)}.joined_to = {section.joined_to!r}: there is no such body; there are "
-                f"{others}. Without joined_to the body is joined to the tank"
+                f"{case.body_key(name)}.joined_to = {section.joined_to!r}: there is no such body; the bodies "
+                f"are {others}. Without joined_to the body is joined to the tank"
             )
     while len(found) < len(sections):
         ready = {

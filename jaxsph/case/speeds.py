@@ -74,10 +74,10 @@ def _speed_scale(case: Sections) -> float:
 def search_speed(case: Sections) -> float:
     """Largest expected speed (m/s), from which the number of steps between two neighbour searches follows.
 
-    This number is the length of a compiled loop, which should not change with the wave height. In waves the
-    speed is therefore rounded to 0.13 sqrt(g d) times a non-negative integer power of sqrt(2). Above
-    0.13 sqrt(g d) this changes the estimate by at most a fifth. If a neighbour table goes stale, the run
-    notices this and searches more often.
+    The number of steps between searches is the length of a compiled loop, so it should not change with the
+    wave height. In waves the speed is therefore rounded to 0.13 sqrt(g d) times a non-negative integer power
+    of sqrt(2). Above 0.13 sqrt(g d) the rounding changes the estimate by at most a fifth. If a neighbour
+    table becomes invalid too early, the run detects this and searches more often.
     """
     speed = speed_scale(case)
     if case.waves is None:

@@ -64,7 +64,7 @@ class CylinderSection(AbstractShapeSection):
         _check_radius(self.radius, key, dx)
         if (length := math.dist(self.foot, self.head)) < dx:
             raise CaseError(
-                f"{key}: is {length:.4g} m long from foot to head, and must be at least one spacing long (dx "
+                f"{key} is {length:.4g} m long from foot to head, but must be at least one spacing long (dx "
                 f"= {dx:g} m)"
             )
 
@@ -105,7 +105,7 @@ class RevolutionSection(AbstractShapeSection):
     @model_validator(mode="after")
     def _side(self) -> RevolutionSection:
         if (least := min(r for r, _ in self.profile)) < 0.0:
-            raise ValueError(f"profile: has a corner at r = {least:g} m; r must not be negative")
+            raise ValueError(f"profile has a corner at r = {least:g} m; r must not be negative")
         return self
 
     def check(self, key, dx):
@@ -189,15 +189,15 @@ class MeshSection(AbstractShapeSection):
         extent = np.ptp(Triangles.unpacked(self.packed).vertices, axis=0)
         if (least := float(extent.min())) < dx:
             raise CaseError(
-                f"{key}: extends over {least:.4g} m along one axis, and must extend over at least one "
+                f"{key} extends over {least:.4g} m along one axis, but must extend over at least one "
                 f"spacing (dx = {dx:g} m); scale gives the metres per unit of the file"
             )
         points = float(np.prod(extent / (FINE * dx) + 2 * MARGIN))
         if points > MOST_POINTS:
             raise CaseError(
-                f"{key}: its grid of distances would have {points:.3g} points, and may have "
-                f"{MOST_POINTS:.3g}: use a larger dx, or a smaller mesh; scale gives the metres per unit of "
-                "the file"
+                f"{key}: the grid of distances would have {points:.3g} points, but at most "
+                f"{MOST_POINTS:.3g} are allowed: use a larger dx, or a smaller mesh; scale gives the metres "
+                "per unit of the file"
             )
 
     def shape(self, dx):
@@ -221,7 +221,7 @@ class MeshSection(AbstractShapeSection):
             return []
         place = ", ".join(f"{a:.3g}" for a in thin[0])
         return [
-            f"{key}: is thinner than two spacings near ({place}) m: water on the two sides of such a wall "
+            f"{key} is thinner than two spacings near ({place}) m: water on the two sides of such a wall "
             "interacts; use a smaller dx, or thicken the wall"
         ]
 

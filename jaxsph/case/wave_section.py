@@ -43,8 +43,8 @@ class AbstractWavesSection(Section, abc.ABC):
     """Direction towards which the waves travel, rad from the tank's axis towards the y axis. Oblique waves
     need a tank with a width, and a `zone`."""
     side_zones: Length | None = None
-    """Width of relaxation zones along both side walls, m. They let oblique waves pass, and absorb waves that
-    bodies reflect or radiate sideways; only with `zone`."""
+    """Width of relaxation zones along both side walls, m. The zones transmit oblique waves, and absorb waves
+    that bodies reflect or radiate sideways; only with `zone`."""
 
     @field_validator("direction")
     @classmethod

@@ -122,7 +122,7 @@ class _SpectralSection(AbstractWavesSection):
     def _gamma(self) -> _SpectralSection:
         if self.gamma is not None and self.spectrum != "jonswap":
             raise ValueError(
-                f'gamma = {self.gamma:g}: applies to spectrum = "jonswap" only; remove the key, or choose '
+                f'gamma = {self.gamma:g} applies to spectrum = "jonswap" only; remove the key, or choose '
                 "this spectrum"
             )
         return self
@@ -186,8 +186,8 @@ class IrregularWavesSection(_SpectralSection):
         if beyond > BEYOND:
             raise ValueError(
                 f"spreading = {self.spreading:g}: {beyond:.0%} of the energy would travel at more than "
-                f"{STEEPEST:.3g} rad (80 degrees) from the tank's axis, and at most {BEYOND:.0%} may: use a "
-                "larger exponent, or a smaller direction"
+                f"{STEEPEST:.3g} rad (80 degrees) from the tank's axis, but at most {BEYOND:.0%} is allowed: "
+                "use a larger exponent, or a smaller direction"
             )
         return self
 
@@ -293,7 +293,7 @@ class RecordedWavesSection(AbstractWavesSection):
             raise ValueError(f"{len(t)} times and {len(values)} values: give one value for each time")
         if self.X is not None and self.x:
             raise ValueError(
-                "x is the position of elevations: remove it, or give waves.eta instead of waves.X"
+                "x is the position at which eta was recorded: remove x, or give eta instead of X"
             )
         step = np.diff(t)
         usual = float(np.median(step))

@@ -209,7 +209,7 @@ def each_once(pairs: Iterable[tuple[str, Any]], option: str) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for key, value in pairs:
         if key in found:
-            raise CaseError(f"{option} {key}: is given twice; give all its values in one {option}")
+            raise CaseError(f"{option} {key} is given twice; give all values in one {option}")
         found[key] = value
     return found
 

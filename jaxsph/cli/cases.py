@@ -55,7 +55,7 @@ def show(
     with messages():
         loaded = load(case, settings)
         if isinstance(loaded, js.Program):
-            raise CaseError(f"{case}: is a program and has no case file; give a case")
+            raise CaseError(f"{case} is a program and has no case file; give a case")
         expanded = loaded.expanded()
         typer.echo(expanded.to_toml() if whole else toml_text(expanded.given()))
 
@@ -74,7 +74,7 @@ def new(
     with messages():
         stem = name.removesuffix(".toml").replace("\\", "/").rpartition("/")[2]
         if not stem.strip(". ") or not name.isprintable():
-            raise CaseError(f"NAME {name!r}: must end in the name of a file, such as my_owc or cases/my_owc")
+            raise CaseError(f"NAME {name!r}: must end with a file name, such as my_owc or cases/my_owc")
         path = Path(name if name.endswith(".toml") else f"{name}.toml")
         case = js.load_case(like).replace({"name": path.stem})
         try:
@@ -82,9 +82,9 @@ def new(
             with path.open("x", encoding="utf-8") as file:
                 file.write(commented_toml(case))
         except FileExistsError:
-            raise FileError(f"{path}: exists already; choose another NAME, or remove it") from None
+            raise FileError(f"{path} already exists; choose another NAME, or remove the file") from None
         except OSError as error:
-            raise FileError(f"{path}: cannot be written: {error.strerror or error}") from None
+            raise FileError(f"{path} cannot be written: {error.strerror or error}") from None
         typer.echo(f"{path}: jaxsph check {path}, then jaxsph run {path}")
 
 

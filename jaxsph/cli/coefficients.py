@@ -47,7 +47,7 @@ def coefficients(  # its arguments are the options of the command
     motion: Annotated[
         list[str] | None,
         typer.Option(
-            "--motion", help="surge, heave or pitch; default: those in which a body is free. Repeatable."
+            "--motion", help="surge, heave or pitch; default: all in which a body is free. Repeatable."
         ),
     ] = None,
     amplitude: Amplitude = None,

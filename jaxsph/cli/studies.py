@@ -80,7 +80,7 @@ def sweep(
         over = each_once((values_of(text) for text in grid), "--grid")
         if t1 is not None:
             if "t1" in over:
-                raise CaseError("--t1: is one of the parameters of --grid; give only one of the two")
+                raise CaseError("--t1: t1 is also a parameter of --grid; give only one of the two")
             loaded = loaded.replace({"t1": t1})
         out = out if out is not None else Path("runs") / f"{loaded.name}_sweep.h5"
         if not quiet:
@@ -384,7 +384,7 @@ def cluster(address: str | None) -> Iterator[Any]:
     try:
         from distributed import Client
     except ModuleNotFoundError:
-        raise CaseError('--scheduler: needs Dask: python -m pip install "jaxsph[cluster]"') from None
+        raise CaseError('--scheduler needs Dask: python -m pip install "jaxsph[cluster]"') from None
     try:
         client = Client(address, timeout=CLUSTER_TIMEOUT)
     except (OSError, ValueError) as error:

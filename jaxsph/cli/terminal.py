@@ -26,8 +26,8 @@ def print_notes(notes: Iterable[str]) -> None:
 
 
 def write_page(path: Path, wanted: bool, quiet: bool) -> None:
-    """Writes the HTML page of a file next to that file, if `wanted`. If this fails, only a note is
-    printed."""
+    """Writes the HTML page of a file next to that file, if `wanted`. If writing fails, only a note
+    is printed."""
     if not wanted:
         return
     from jaxsph.report.page import report

@@ -1,4 +1,4 @@
-"""Design of kernels that minimise the false stress of a particle lattice and keep the lattice stable."""
+"""Design of kernels that minimise the spurious stress of a particle lattice and keep the lattice stable."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ round; usually two or three rounds suffice."""
 
 
 def least_stress(dim: int, support: float, lowest: int = 3, terms: int = 7) -> Polynomial:
-    """Polynomial kernel that keeps a lattice stable, with the least false stress on deformed lattices.
+    """Polynomial kernel that keeps a lattice stable, with the least spurious stress on deformed lattices.
 
-    False stress, slope and stiffness are linear in the shares of the powers of 1 - (r/R)^2. The shares
-    minimise the mean square of the false stress under random deformations plus the mean square under pure
+    Spurious stress, slope and stiffness are linear in the shares of the powers of 1 - (r/R)^2. The shares
+    minimise the mean square of the spurious stress under random deformations plus the mean square under pure
     strain. The minimisation has three constraints: the shares sum to one, the kernel decreases outwards,
     and no transverse displacement wave has a negative stiffness (`LatticeStress`).
     **Arguments**: `dim`: number of dimensions; `support`: ratio of the support radius to the spacing;
@@ -65,13 +65,13 @@ def least_stress(dim: int, support: float, lowest: int = 3, terms: int = 7) -> P
 def _slopes(lowest: int, terms: int, dim: int) -> NDArray[np.float64]:
     """Slopes (-) of the normalised powers towards the centre, `[100, terms]`, at 100 points from the edge of
     the support to its centre, up to a positive factor that is the same for all powers."""
-    left = np.linspace(0.0, 1.0, 100)[:, None]  # 1 - (r/R)^2; all slopes share its power lowest - 1
+    left = np.linspace(0.0, 1.0, 100)[:, None]  # 1 - (r/R)^2; all slopes contain its power lowest - 1
     powers = np.arange(lowest, lowest + terms)
     return powers / [power_integral(int(n), dim) for n in powers] * left ** (powers - lowest)
 
 
 def _least_squares(gram: NDArray[np.float64], cuts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Shares of the powers (-) with the least mean square of the false stress. The shares sum to one, and no
+    """Shares of the powers (-) with the least mean square of the spurious stress. They sum to one, and no
     component of `cuts @ shares` is negative."""
     n, scale = len(gram), 1.0 / np.trace(gram)
     found = optimize.minimize(

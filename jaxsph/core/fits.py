@@ -1,8 +1,9 @@
 """Polynomials of second degree that fit a field around every particle, by weighted least squares.
 
 A polynomial is stored as the tuple of its coefficients: first those of the monomials of first degree in the
-coordinates d = (x_j - x_i)/R of the neighbours j in the support of radius R, then those of second degree. It
-has no constant term, because it describes the differences of the field from its value at the particle.
+coordinates d = (x_j - x_i)/R of the neighbours j in the support of radius R, then those of second degree. The
+polynomial has no constant term, because the polynomial describes the differences of the field from its value
+at the particle.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ def _factors(matrix: list[list[jax.Array]]) -> tuple[list[list[jax.Array]], list
             scaled.append(a - sum(s * one for s, one in zip(scaled, L[k], strict=True)))
         L.append([s / pivot for s, pivot in zip(scaled, pivots, strict=True)])
         pivot = row[-1] + RIDGE - sum(s * one for s, one in zip(scaled, L[-1], strict=True))
-        pivots.append(jnp.maximum(pivot, RIDGE))  # rounding errors may make it smaller
+        pivots.append(jnp.maximum(pivot, RIDGE))  # rounding errors may make the pivot smaller
     return L, pivots
 
 

@@ -25,7 +25,8 @@ class AbstractKernel(eqx.Module):
     """A radial smoothing kernel of smoothing length h (m) that vanishes for r >= `reach` * h."""
 
     width: eqx.AbstractClassVar[float]
-    """Ratio of the kernel's smoothing length to the smoothing length of the Gaussian that it replaces (-)."""
+    """Ratio of the kernel's smoothing length to the smoothing length of the Gaussian that the kernel replaces
+    (-)."""
     reach: eqx.AbstractVar[float]
     """Ratio of the support radius to h (-)."""
 

@@ -30,9 +30,9 @@ class LatticeStress(NamedTuple):
     """Properties of a kernel on a lattice, which determine the noise of the particles."""
 
     strained: float
-    """Largest ratio of the false stress to the pressure under a pure strain from 0 to `STRAIN` (-)."""
+    """Largest ratio of the spurious stress to the pressure under a pure strain from 0 to `STRAIN` (-)."""
     distorted: float
-    """RMS of the ratio of the false stress to the pressure, for random deformations without volume change
+    """RMS of the ratio of the spurious stress to the pressure, for random deformations without volume change
     (-)."""
     neighbours: int
     """Number of neighbours of a particle on the undeformed lattice."""
@@ -53,11 +53,11 @@ class LatticeStress(NamedTuple):
 def lattice_stress(
     kernel: AbstractKernel, h_over_dx: float, dim: int, lattice: Lattice = "cubic"
 ) -> LatticeStress:
-    """False stress (-) with which a lattice under pressure resists deformation, and related properties.
+    """Spurious stress (-) with which a lattice under pressure resists deformation, and related properties.
 
     Particles under a uniform pressure p are subject to the stress p T, T_ab = -sum_j V r_a r_b (dW/dr)/r. T
-    is the unit tensor for a perfect kernel. The false stress is the eigenvalue of T - (tr T / D) 1 with the
-    largest magnitude. Waves do work against the false stress, and this work becomes noise.
+    is the unit tensor for a perfect kernel. The spurious stress is the eigenvalue of T - (tr T / D) 1 with
+    the largest magnitude. Waves do work against the spurious stress, and this work becomes noise.
     **Arguments**: `h_over_dx`: ratio of the smoothing length to the spacing; `dim`: number of dimensions.
     """
     reach = kernel.reach * h_over_dx

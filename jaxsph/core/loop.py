@@ -64,10 +64,10 @@ def blocks(
     """State after n_blocks blocks of steps_per_block steps, and the readings of each block.
 
     In each block `prepare` makes the tables, `begin` takes the readings and makes the changes that are due
-    once per block, and then the steps run. Readings are taken at the start of a block, so that a run
-    interrupted at any block continues exactly. `over`: loop over the blocks, `every_block` or a result of
-    `first_blocks`. Reverse mode stores tables and pair sums and recomputes all other arrays. Each step adds
-    one state and its pair sums to the memory that reverse mode needs.
+    once per block, and then the steps run. Readings are taken at the start of a block, so that an interrupted
+    run can be resumed from any block with identical results. `over`: loop over the blocks, `every_block` or a
+    result of `first_blocks`. Reverse mode stores tables and pair sums and recomputes all other arrays. Each
+    step adds one state and its pair sums to the memory that reverse mode needs.
     """
 
     @rematerialise

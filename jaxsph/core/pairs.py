@@ -30,7 +30,8 @@ SPARE = 1.15
 
 
 FAR = 1.0e3
-"""Coordinate of the empty source, m. It is outside every support, and its square fits into float32."""
+"""Coordinate of the empty source, m. This position is outside every support, and its square fits into
+float32."""
 
 
 Period = tuple[tuple[int, float], ...]
@@ -128,7 +129,7 @@ def pair_sum(
 def linear_pair_sum(
     law: Law, smoothing: Smoothing, targets: Fields, sources: Fields, table: Int[Array, "K N"]
 ) -> Any:
-    """Sum of `law(pair, i, j)` as in `pair_sum`, for tangent fields and a law that is linear in them.
+    """As `pair_sum`, for tangent fields; the law must be linear in these fields.
 
     The gathers of this sum can be transposed, which reverse mode needs for tangents.
     """

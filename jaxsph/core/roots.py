@@ -15,15 +15,15 @@ __all__ = ["increasing_root"]
 
 STEPS = 48
 """Number of steps. Every second step halves the interval, so that a root is found to 6e-8 of the interval's
-length where Newton's steps do not help."""
+length where Newton's steps do not converge."""
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def increasing_root(
     function: Callable[[Scalar, Any], Scalar], low: Scalar, high: Scalar, parameters: Any
 ) -> Scalar:
-    """Zero between `low` and `high` of an increasing function; without a zero, the end where the function is
-    nearer to zero.
+    """Zero between `low` and `high` of an increasing function; if there is no zero, the end at which the
+    function is closer to zero.
 
     Newton's steps that leave the interval of the root are replaced by bisection. The number of steps is
     fixed, so that `increasing_root` can be vectorised. `function` is called with the unknown and the

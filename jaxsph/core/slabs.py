@@ -55,8 +55,8 @@ class Sources(NamedTuple):
     water: Fields
     """Fields of the water's particles by name, `[N]`."""
     ghosts: Fields
-    """Fields of the ghosts by name, `[G]`, the same as those of the water; empty for a sum over the water
-    only."""
+    """Fields of the ghosts by name, `[G]`, the same fields as those of the water; empty for a sum over the
+    water only."""
     halo: Fields = {}  # noqa: RUF012 (a field of a named tuple, which nothing writes to)
     """Fields of the water in the slabs' halos, if they have already been fetched (`Slabs.fetch`)."""
 

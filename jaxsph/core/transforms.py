@@ -35,7 +35,8 @@ def rematerialise(function: Callable) -> Callable:
 def any_lane(flag: jax.Array) -> jax.Array:
     """The flag itself; in a batch of lanes, whether the flag of any lane is set.
 
-    With one flag for the batch, `jax.lax.cond` runs one branch only; with a flag per lane it would run both.
+    With one flag for the batch, `jax.lax.cond` runs one branch only; with a flag per lane both branches would
+    run.
     """
     return flag
 

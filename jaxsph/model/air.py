@@ -46,7 +46,7 @@ class Air(eqx.Module):
 class AbstractFrame(eqx.Module):
     """Frame of a chamber, in which the chamber's walls are at rest.
 
-    The methods' `parts` are the states of the parts by name.
+    The argument `parts` of the methods contains the states of the parts, by name.
     """
 
     @abc.abstractmethod
@@ -72,8 +72,8 @@ class AbstractFrame(eqx.Module):
 class AirCoupling(NamedTuple):
     """Linear maps between the pressure of a chamber's air and the motion of the water and of a body.
 
-    Force and flow use the same weights, so that P_a q is exactly the power that the air takes from the water
-    and from the body that carries the chamber.
+    Force and flow use the same weights, so that P_a q is exactly the power that the air absorbs from the
+    water and from the body that carries the chamber.
     """
 
     index: Array
@@ -168,7 +168,7 @@ class Pressed(NamedTuple):
 
 
 class Given(NamedTuple):
-    """Energy and flow that a chamber's air has given to its ducts in a step."""
+    """Energy and flow that a chamber's air has delivered to the chamber's ducts in a step."""
 
     head: Scalar
     """Energy of the chamber's air per volume of air that leaves the chamber, Pa."""
@@ -177,7 +177,7 @@ class Given(NamedTuple):
 
 
 class AbstractDuct(AbstractPart):
-    """A duct between the air of two chambers, with a power take-off in it."""
+    """A duct with a power take-off between the air of two chambers."""
 
     between: eqx.AbstractVar[tuple[str, str]]
     """Names of the chambers; flow from the first to the second is positive."""

@@ -14,10 +14,10 @@ from jaxsph.core.arrays import Array, Float, Scalar
 class Background(eqx.Module):
     """Hydrostatic pressure R near a wall, which is subtracted in the pair sums and replaced by a body force.
 
-    The water on each side of a wall thinner than the kernel interacts with the water below the tip, but not
-    with the water on the other side. After a small displacement of the particles, the sum of (p_i + p_j) grad
-    W then gives accelerations proportional to p that increase the displacement. In still water, particles at
-    the tip of a wall one spacing thick therefore accelerate without limit
+    The water on each side of a wall thinner than the kernel's support interacts with the water below the tip,
+    but not with the water on the other side. After a small displacement of the particles, the sum of
+    (p_i + p_j) grad W then gives accelerations proportional to p that increase the displacement. In still
+    water, particles at the tip of a wall one spacing thick therefore accelerate without limit
     (`python -m experiments run thin_wall`). The particles stay at rest if the wall is as thick as the
     support. With (p_i - R_i) + (p_j - R_j) in the sum, and -grad R added, the gradient is the same to second
     order, and the sum contains little pressure at the tip.

@@ -27,7 +27,7 @@ def check_parts(model: Model) -> None:
 
     **Raises** ValueError if parts share a name or an energy, a part has a name of `RESERVED`, a duct ends at
     an unknown chamber, a model with body forces has a movable body, or the ghosts of moving solids do not
-    match those of the walls.
+    match the ghosts of the walls.
     """
     names = [part.name for part in model.parts]
     energies = [name for part in (*model.parts, model.scheme) for name in part.entries()]
@@ -37,10 +37,15 @@ def check_parts(model: Model) -> None:
             raise ValueError(f"parts share the {what} {', '.join(twice)}: give each part a different name")
     taken = sorted({part.name for part in (*model.movers(), *model.links)} & set(RESERVED))
     if taken:
-        raise ValueError(f"parts are called {', '.join(taken)}, like fields of the particles: rename them")
+        raise ValueError(
+            f"parts are called {', '.join(taken)}, like fields of the particles: rename the parts"
+        )
     ends = {end for duct in model.ducts for end in duct.between} - {one.name for one in model.chambers}
     if ends:
-        raise ValueError(f"ducts end at {', '.join(sorted(ends))}: give names of chambers of the model")
+        raise ValueError(
+            f"ducts end at {', '.join(sorted(ends))}, but must end at chambers of the model: "
+            "give names of chambers"
+        )
     at_last = jnp.asarray(jnp.inf)
     afloat = [body.name for body in model.bodies if model.forces and np.any(body.joint.movable(at_last))]
     if afloat:

@@ -38,7 +38,8 @@ class AbstractConservativeForce(AbstractForce):
 
     @abc.abstractmethod
     def potential(self, x: Float[Array, "N D"]) -> Float[Array, " N"]:
-        """Potential energy per unit mass at x (m), J/kg: the acceleration is minus its gradient."""
+        """Potential energy per unit mass at x (m), J/kg: the acceleration is minus the gradient of the
+        potential."""
 
     def given(self, m, x, u, t, dt):
         """See `AbstractForce.given`; zero, since the potential energy contains the work."""

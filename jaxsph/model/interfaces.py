@@ -153,7 +153,7 @@ class ExactTangents(AbstractTangents):
 
 
 class AbstractDamper(AbstractPart):
-    """A zone that relaxes the velocities of the water in it towards given velocities, for example zero."""
+    """A zone in which the velocities of the water are relaxed towards given velocities, for example zero."""
 
     @abc.abstractmethod
     def damp(
@@ -192,7 +192,7 @@ class AbstractGrip(eqx.Module):
         """Force on particles per unit of P_a, m2 (m in 2-D).
 
         **Arguments**: `x`, `V`: positions (m) and volumes (m3; m2 in 2-D) of the particles; `around(law)`:
-        sums of a pair law over their neighbours.
+        sums of a pair law over the particles' neighbours.
         """
 
     @abc.abstractmethod
@@ -287,7 +287,7 @@ class AbstractChamber(AbstractPart):
 
 
 class Model(eqx.Module):
-    """Model of a case: everything that stays constant in the time loop.
+    """Model of a case: everything that does not change in the time loop.
 
     Every float is an array leaf, which can be traced and differentiated.
     """
@@ -299,7 +299,7 @@ class Model(eqx.Module):
     solids: tuple[AbstractSolid, ...]
     """Solids at rest."""
     moving: tuple[AbstractWall, ...]
-    """Walls whose motion is given."""
+    """Walls whose motion is prescribed."""
     bodies: tuple[AbstractBody, ...]
     """Rigid bodies."""
     links: tuple[Link, ...]

@@ -5,8 +5,8 @@ written as sums over j, which the pair loop computes from the terms. Equation nu
 et al. 2020.
 
 Fields: x (m), u (m/s), rho (kg/m3, the deviation from rho0), p (Pa), V (m3; m2 in 2-D; a negative sign marks
-a source in a wall, which takes no part in the density diffusion), grad_rho (kg/m4), grad_u (1/s, one gradient
-per component).
+a source in a wall; such sources are excluded from the density diffusion), grad_rho (kg/m4), grad_u (1/s, one
+gradient per component).
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from jaxsph.core.arrays import dot
 from jaxsph.core.pairs import Fields, Pair, outer_upper
 
 GUARD = 1.0e-3
-"""Fraction of h^2 that is added to r^2 in denominators (-). It increases r^2 by 0.1 % at r = h and avoids 0/0
-at r = 0."""
+"""Fraction of h^2 that is added to r^2 in denominators (-). The addition increases r^2 by 0.1 % at r = h and
+avoids 0/0 at r = 0."""
 
 
 def volume(j: Fields) -> jax.Array:

@@ -1,8 +1,8 @@
 """Interfaces of links: forces between two points, or along a coordinate of a joint, and their laws.
 
-A link acts along its extension s, a length (m) or an angle (rad), with a force (N; N/m in 2-D) or a moment
-(N m; N in 2-D) that is positive if it increases s. The extension may also be a vector, for example from an
-anchor to a fairlead; the force is then a vector, too. Units below are those of a link along a length. For a
+A link acts along its extension s, a length (m) or an angle (rad), with a force (N; N/m in 2-D) or a moment (N
+m; N in 2-D) that is positive if it increases s. The extension may also be a vector, for example from an
+anchor to a fairlead; the force is then a vector, too. The units below are for a link along a length. For a
 link along an angle, replace m by rad and N by N m. In 2-D all quantities are per metre of width.
 """
 

@@ -1,8 +1,8 @@
 """Motion of rigid bodies that are joined to the tank and to each other, as one multibody system.
 
 The generalised coordinates are the coordinates of all joints, followed by one time coordinate per joint. A
-time coordinate has the constant rate 1, and prescribed motions are functions of it. A joint's coordinate that
-is not free also has a constant rate. The equations of motion are
+time coordinate has the constant rate 1, and prescribed motions are functions of the time coordinate. A
+joint's coordinate that is not free also has a constant rate. The equations of motion are
 
     M q'' + c = sum over bodies of J^T F + forces along the joints,
 
@@ -71,7 +71,8 @@ class Kinematics(NamedTuple):
         return -inverse_where(self.movable, self.mass_matrix) @ self.inertial(self.bias[1])
 
     def inertial(self, accelerations: Float[Array, "B V"]) -> Float[Array, " n"]:
-        """Generalised forces (N, N m) that give the centres of mass these `accelerations` (m/s2, rad/s2)."""
+        """Generalised forces (N, N m) that cause the `accelerations` (m/s2, rad/s2) of the centres of
+        mass."""
         loads = jnp.einsum("bkl,bl->bk", self.mass, accelerations) + self.gyroscopic
         return jnp.einsum("bki,bk->i", self.ways[1], loads)
 
@@ -84,7 +85,7 @@ class Kinematics(NamedTuple):
 
 
 class FreeStep(NamedTuple):
-    """Bodies and links after a step without water, and the energies exchanged in it."""
+    """Bodies and links after a step without water, and the energies exchanged in this step."""
 
     parts: dict[str, Any]
     """States of bodies and links, by name."""
@@ -168,7 +169,8 @@ class Mechanism(NamedTuple):
     def coasting(self, parts: Mapping[str, Any], t: Scalar) -> dict[str, Float[Array, " V"]]:
         """Accelerations (m/s2, rad/s2), by name, of the bodies if no forces act on them; empty if all are 0.
 
-        They are due to prescribed motions, the inertia of joined bodies and gyroscopic moments.
+        These accelerations are due to prescribed motions, the inertia of joined bodies and gyroscopic
+        moments.
         """
         if self.coasts:
             return {}
@@ -264,16 +266,16 @@ class Mechanism(NamedTuple):
     ) -> dict[str, Scalar]:
         """Power that the drive of every body's joint gives to the bodies, by the body's name, W (W/m in 2-D).
 
-        The drive moves the coordinates with constant rates, including its time coordinate. **Arguments**:
-        `acceleration`: accelerations of the coordinates in addition to `Kinematics.coasting`; `others`:
-        generalised forces on the coordinates except those of the drives.
+        The drive of a joint moves the coordinates with constant rates, including the joint's time coordinate.
+        **Arguments**: `acceleration`: accelerations of the coordinates in addition to `Kinematics.coasting`;
+        `others`: generalised forces on the coordinates except those of the drives.
         """
         inertial = kinematics.inertial(kinematics.accelerations(acceleration)[1])
         power = (1.0 - kinematics.movable) * kinematics.rates * (inertial - others)
         return {name: jnp.sum(own) + at_time for name, (own, at_time) in self.split(power).items()}
 
     def along(self, by_body: Mapping[str, Float[Array, " k"]]) -> Float[Array, " n"]:
-        """Values of all coordinates from those of each body's joint, by the body's name; 0 for the time
+        """Values of all coordinates from the values for each body's joint, by the body's name; 0 for the time
         coordinates."""
         values = [by_body[body.name] for body in self.bodies]
         return jnp.concatenate([*values, jnp.zeros(len(self.bodies), values[0].dtype)])

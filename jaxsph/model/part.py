@@ -16,8 +16,8 @@ __all__ = ["AbstractPart", "Sampled", "name_of"]
 
 
 def name_of(what: str, part: str, usual: str) -> str:
-    """Name of the energy or reading `what` of a part, followed by the part's name if that is not the usual
-    name."""
+    """Name of the energy or reading `what` of a part, followed by the part's name unless the part has the
+    usual name."""
     return what if part == usual else f"{what}_{part}"
 
 
@@ -52,8 +52,8 @@ class AbstractPart(eqx.Module):
     """Default name, for the only part of its kind in a model."""
 
     def called(self, what: str) -> str:
-        """Name of this part's energy or reading `what`, followed by the part's name if that is not the usual
-        name."""
+        """Name of this part's energy or reading `what`, followed by the part's name unless the part has the
+        usual name."""
         return name_of(what, self.name, self.usual_name)
 
     @abc.abstractmethod

@@ -54,9 +54,8 @@ THIN = {2: 0.3, 3: 0.15}
 
 The sum is 1 in a lattice. In two dimensions it is 0.6 at a surface, 0.35 or more where a surface meets a
 wall, and 0.20 to 0.26 in a row of particles. In three dimensions it is 0.24 or more where a surface meets two
-walls, and 0.05 to 0.09 in a row. A polynomial of second degree fits the few neighbours in spray and thin
-sheets whatever their velocities, so that hyperviscosity would damp nothing there; without this limit dam
-breaks failed at the impact.
+walls, and 0.05 to 0.09 in a row. In spray and thin sheets a second-degree polynomial fits the few neighbours
+exactly, so hyperviscosity would have no effect. Without this limit, dam-break runs failed at impact.
 """
 FADE = 0.1
 """Width of the transition below `THIN`, as a sum of weights (-)."""

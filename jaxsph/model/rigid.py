@@ -159,8 +159,9 @@ SMALL = 0.04
 class _Space(AbstractSpace):
     """Space (x, y, z); a pose is the displacement (m) and the unit quaternion of the rotation.
 
-    As coordinates, roll, pitch and yaw are the components of the rotation vector: the body is rotated about
-    this vector by an angle that is its length. For a rotation about one axis this is the usual angle.
+    As coordinates, roll, pitch and yaw are the components of the rotation vector. The direction of this
+    vector is the axis of the rotation, and its length is the angle (rad). For a rotation about one coordinate
+    axis, the component along this axis is the usual angle.
     """
 
     dim = 3
@@ -192,7 +193,7 @@ class _Space(AbstractSpace):
         w, v = jnp.abs(w), jnp.where(w < 0.0, -v, v)
         sine2 = jnp.sum(v**2, axis=-1, keepdims=True)
         sine = jnp.sqrt(jnp.where(sine2 < 1e-6, 1.0, sine2))
-        # the angle over its half sine, whose series is 2 + sine^2 / 3
+        # ratio of the angle to the sine of half the angle; its series is 2 + sine^2 / 3
         ratio = jnp.where(sine2 < 1e-6, 2.0 + sine2 / 3.0, 2.0 * jnp.arctan2(sine, w) / sine)
         return jnp.concatenate([pose[..., :3], ratio * v], axis=-1)
 
@@ -251,5 +252,5 @@ SPACES: dict[int, AbstractSpace] = {space.dim: space for space in (PLANE, SPACE)
 
 
 def space_with(motions: int) -> AbstractSpace:
-    """Space in which rigid bodies have this number of motions."""
+    """Space in which rigid bodies have `motions` motions: 3 in the plane, 6 in space."""
     return next(space for space in SPACES.values() if len(space.motions) == motions)

@@ -24,8 +24,9 @@ class Shifting(eqx.Module):
     pressures are negative (`python -m experiments run rotating_square`), not where all pressures are positive
     (`python -m experiments run oscillating_drop`).
 
-    A flow that stretches the lattice needs shifting. Without it, the Taylor-Green vortex at Re = 100 loses
-    half of its energy within 0.4 s, when the lattice breaks up (`python -m experiments run taylor_green`).
+    A flow that stretches the lattice needs shifting. Without shifting, the Taylor-Green vortex at Re = 100
+    loses half of its energy within 0.4 s, when the lattice breaks up
+    (`python -m experiments run taylor_green`).
     """
 
     strength: Scalar = eqx.field(converter=real)

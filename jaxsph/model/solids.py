@@ -79,7 +79,8 @@ class AbstractMovingSolid(AbstractSolid, AbstractPart):
     def pose(self, motion: Any) -> tuple[Array, Array]:
         """Displacement and rotation of the outline in pictures (m, rad), and the pivot (m) of its rotation.
 
-        These are surge, heave and pitch, or for a body in 3-D all six motions (`model.rigid`).
+        Displacement and rotation are surge, heave and pitch, or for a body in 3-D all six motions
+        (`model.rigid`).
         """
         del motion
         return jnp.zeros(3), jnp.zeros(2)

@@ -49,7 +49,8 @@ class Particles(eqx.Module):
     id: Int[Array, " N"]
     """Index of the particle in the initial lattice; sorting does not change the particle's index."""
     p: Float[Array, " N"]
-    """Gauge pressure, Pa, if the scheme solves for it; zero if it follows from the density."""
+    """Gauge pressure, Pa, if the scheme solves for the pressure; zero if the pressure follows from the
+    density."""
     p_mean: Float[Array, " N"]
     """Running mean of p, Pa, over the time `schemes.projection.MEAN_TIME` sqrt(h/g)."""
 

@@ -34,17 +34,17 @@ class TangentFilter(AbstractTangents):
     """Filter of the tangents of positions and velocities by averages over neighbours.
 
     Every `interval` steps a tangent f becomes f - (1 - S)^order f, with the average S over neighbours
-    (`Average`). S is exact for linear fields, and therefore does not distort tangents at the free surface. S
-    treats components tangential to a wall as even across the wall. One average multiplies a wave of
-    wavenumber k by exp(-(k h)^2/4).
+    (`Average`). S is exact for linear fields, and therefore does not distort tangents at the free surface.
+    For S, components tangential to a wall are even functions across the wall. One average multiplies a wave
+    of wavenumber k by exp(-(k h)^2/4).
 
-    The filter must act faster than exact tangents grow. Under pressure the rows of the square lattice slide
-    over each other, and exact tangents grow. At the bed of still water 0.4 m deep, with dx = 0.02 m, they
-    grow by a factor of e in 0.23 s (`python -m experiments run lattice_growth`). Higher orders preserve more
-    of the response of a chamber's flow: order 3 at every step loses a fifth of this response, while order 1
-    at every fifth step loses half. But order 3 did not suppress slow modes of the sliding rows, which grew
-    thirtyfold per period in a tank of 4 m. Tangents of the densities need no filter, since they follow the
-    tangents of positions and velocities.
+    The filter must act faster than exact tangents grow. Exact tangents grow because the rows of the square
+    lattice slide over each other under pressure. At the bed of still water 0.4 m deep, with dx = 0.02 m,
+    exact tangents grow by a factor of e in 0.23 s (`python -m experiments run lattice_growth`). Higher orders
+    preserve more of the response of a chamber's flow: order 3 at every step loses a fifth of this response,
+    while order 1 at every fifth step loses half. But order 3 did not suppress slow modes of the sliding rows,
+    which grew thirtyfold per period in a tank of 4 m. Tangents of the densities need no filter, since they
+    follow the tangents of positions and velocities.
     """
 
     order: int = eqx.field(static=True, default=1)
@@ -98,7 +98,7 @@ class Average(NamedTuple):
     inverse: tuple[tuple[jax.Array, ...], ...]
     """Inverse of the ratio of the positions' covariance to h^2/2 (-), for every component of the field.
 
-    Gradients across a wall are suppressed for components that are even across it.
+    Gradients across a wall are suppressed for components that are even across the wall.
     """
 
     def __call__(self, fields: tuple[Components, ...]) -> tuple[Components, ...]:
@@ -133,7 +133,8 @@ def average_of(model: Model, state: State, tables: Tables) -> Average:
     V = model.scheme.volume(p)
     self_weight = V * smoothing.kernel.value(jnp.zeros_like(V), h, dim)
     none = jnp.zeros_like(volume)
-    # pushes[k][a]: a ghost's volume if component k is even across its wall and axis a is normal to it, or 0
+    # pushes[k][a]: a ghost's volume if component k is even across its wall and axis a is normal to the wall,
+    # or 0
     normal, even = walls.mirror == -1.0, walls.mirror != -1.0
     pushes = tuple(
         tuple(jnp.where(even[:, k] & normal[:, a], volume, 0.0) for a in range(dim)) for k in range(dim)
@@ -160,7 +161,7 @@ def average_of(model: Model, state: State, tables: Tables) -> Average:
 
 HOLD = 40.0
 """Ratio of a suppressed gradient's stiffness to the covariance, for a support full of ghosts (-); any large
-number will do."""
+number is suitable."""
 
 
 def _held(spread: tuple[jax.Array, ...], push: Components, dim: int) -> tuple[jax.Array, ...]:

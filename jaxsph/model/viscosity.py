@@ -58,9 +58,9 @@ class LaplacianViscosity(AbstractViscosity):
 
     Source: Morris et al. 1997, Eq. 22. This form is meant for flows that the physical viscosity governs. The
     weights of Monaghan's form (`PhysicalViscosity`) are not smooth at r = 0, and their sum over a square
-    lattice has an error of 9 %; Morris's form only needs accurate sums of the kernel's second moments. It
-    does not conserve angular momentum. At a free surface it implies du/dn = 0 instead of zero stress. It
-    dissipates nu |grad u|^2, which in a wave is half of the physical dissipation.
+    lattice has an error of 9 %; Morris's form only needs accurate sums of the kernel's second moments.
+    Morris's form does not conserve angular momentum. At a free surface it implies du/dn = 0 instead of zero
+    stress. The dissipated power is nu |grad u|^2, which in a wave is half of the physical dissipation.
     """
 
     nu: Scalar = eqx.field(converter=real)

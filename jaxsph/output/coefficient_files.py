@@ -160,7 +160,7 @@ class BEMIOFile(AbstractCoefficientFile):
             off = np.hypot(*np.subtract(body.pivot, body.centre)) > 1e-9
             if off and "pitch" in has and has != set(MOTIONS):
                 raise CaseError(
-                    f"{self.path}: WEC-Sim takes moments about the centre of mass, and the pivot of {name} "
+                    f"{self.path}: WEC-Sim takes moments about the centre of mass, but the pivot of {name} "
                     "is another point: compute surge, heave and pitch, or give a name that ends in .nc"
                 )
 

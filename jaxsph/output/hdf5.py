@@ -113,18 +113,18 @@ def open_file(path: Path) -> Iterator[h5py.File]:
         sealed = _check_seal(path)
         with h5py.File(path, "r") as file:
             if not sealed and SEALED <= int(file.attrs.get("schema", 0)) <= SCHEMA:
-                raise Damage("the checksum at its end is missing: another program may have changed it")
+                raise Damage("the checksum at the end is missing: another program may have changed the file")
             yield file
     except FileNotFoundError:
         raise FileError(_no_such_file(path)) from None
     except PermissionError as error:
-        raise FileError(f"{path}: cannot be read ({error.strerror})") from None
+        raise FileError(f"{path} cannot be read ({error.strerror})") from None
     except JaxsphError:
         raise
     except Exception as error:  # HDF5, h5py and numpy raise many kinds of errors for damaged bytes
         what = str(error) if isinstance(error, Damage | OSError) else f"{type(error).__name__}: {error}"
         raise FileError(
-            f"{path}: is cut short or damaged ({what}). Restore it from a copy, or run "
+            f"{path} is cut short or damaged ({what}). Restore the file from a copy, or run "
             "the case again with --overwrite"
         ) from error
 
@@ -136,7 +136,7 @@ def tell_write_errors(path: Path) -> Iterator[None]:
         yield
     except (OSError, RuntimeError) as error:  # HDF5 reports a full disk as one of these
         raise FileError(
-            f"{path}: could not be written ({error}); an existing file is unchanged. Check the free "
+            f"{path} could not be written ({error}); an existing file is unchanged. Check the free "
             "space and the permissions of its folder"
         ) from error
 
@@ -161,7 +161,7 @@ def _check_seal(path: Path) -> bool:
     if not end.startswith(_SEAL):
         return False
     if _crc_of_bytes(path, length) != int.from_bytes(end[len(_SEAL) :], "little"):
-        raise Damage("its checksum does not match its content")
+        raise Damage("the checksum does not match the content")
     if time.time_ns() - found.st_mtime_ns > 10**8:  # a change within 0.1 s could have the same time
         _intact[path] = stamp
     return True
@@ -203,19 +203,19 @@ def check_signature(path: Path) -> None:
     h5py does not distinguish these errors.
     """
     if path.is_dir():
-        raise FileError(f"{path}: is a folder; give a run's file (.h5)")
+        raise FileError(f"{path} is a folder; give a run's file (.h5)")
     try:
         with path.open("rb") as file:
             start = file.read(len(_SIGNATURE))
     except FileNotFoundError:
         raise FileError(_no_such_file(path)) from None
     except OSError as error:
-        raise FileError(f"{path}: cannot be read ({error.strerror})") from None
+        raise FileError(f"{path} cannot be read ({error.strerror})") from None
     if start == _SIGNATURE:
         return
     if _SIGNATURE.startswith(start):
-        raise FileError(f"{path}: is cut short or empty; run the case again with --overwrite")
-    raise FileError(f"{path}: is not an HDF5 file; give a file that `jaxsph run` wrote")
+        raise FileError(f"{path} is cut short or empty; run the case again with --overwrite")
+    raise FileError(f"{path} is not an HDF5 file; give a file that `jaxsph run` wrote")
 
 
 def version() -> str:

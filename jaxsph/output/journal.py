@@ -59,7 +59,7 @@ class Journal(NamedTuple):
             yield head
             place = head.end
         if place != self.about["end"]:
-            raise Damage("its records do not end at the length stored in its checkpoint")
+            raise Damage("the journal's records do not end at the length stored in the checkpoint")
 
     def checkpoint(self) -> dict[str, np.ndarray]:
         """Arrays of the checkpoint, bit for bit."""

@@ -87,11 +87,11 @@ class RunFile(RunReader):
         """
         run = cls(path)
         if run.path.is_dir():
-            raise FileError(f"{path}: is a folder; give the name of a file, such as {path}/run.h5")
+            raise FileError(f"{path} is a folder; give the name of a file, such as {path}/run.h5")
         if run.path.exists() and not overwrite:
             raise FileError(
-                f"{path}: exists already, and nothing was changed. Give another name with --out, "
-                f"replace it with --overwrite, or continue it with `jaxsph resume {path}`"
+                f"{path} already exists; nothing was changed. Give another name with --out, replace "
+                f"the file with --overwrite, or continue the run with `jaxsph resume {path}`"
             )
         with tell_write_errors(run.path):
             run.path.parent.mkdir(parents=True, exist_ok=True)
@@ -128,7 +128,9 @@ class RunFile(RunReader):
         variables = {"time": Variable("s", "time")} | {n: variables[n] for n in series if n in variables}
         _check_series(series, variables)
         if any("/" in name or name in ("", ".") for name in checkpoint):
-            raise ValueError(f"checkpoint names {sorted(checkpoint)}: none may be empty, '.' or have a slash")
+            raise ValueError(
+                f"checkpoint names {sorted(checkpoint)}: none must be empty, '.' or with a slash"
+            )
         parts = {"series": series, "snapshot": snapshot or {}}
         chunk = {f"{part}/{name}": np.asarray(a) for part, all_ in parts.items() for name, a in all_.items()}
         with self._view() as view:
@@ -221,7 +223,7 @@ class RunFile(RunReader):
         """**Raises** FileError if another program has replaced, changed or folded the file."""
         if self._own not in (None, owner_of(file)):
             raise FileError(
-                f"{self.path}: was replaced, changed or continued by another program, which may still write "
+                f"{self.path} was replaced, changed or continued by another program, which may still write "
                 f"to it. Stop one of the two programs; `jaxsph resume {self.path}` continues from the "
                 "state in the file"
             )
@@ -236,7 +238,7 @@ class RunFile(RunReader):
             return ""
         if not t[0] > stored:
             raise FileError(
-                f"{self.path}: has samples up to t = {stored:g} s, and this run is at {t[0]:g} s: "
+                f"{self.path} has samples up to t = {stored:g} s, but this run is at {t[0]:g} s: "
                 "another run writes to the same file. Stop one of them, then `jaxsph resume` the file"
             )
         names = set(view.variables())

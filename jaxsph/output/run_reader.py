@@ -53,11 +53,11 @@ class RunReader:
             schema = file.attrs.get("schema")
             if schema is None or "jaxsph_version" not in file.attrs:
                 raise FileError(
-                    f"{path}: is an HDF5 file, but not from jaxsph; give a file that `jaxsph run` wrote"
+                    f"{path} is an HDF5 file, but not from jaxsph; give a file that `jaxsph run` wrote"
                 )
             if int(schema) > SCHEMA:
                 raise FileError(
-                    f"{path}: has file layout {int(schema)}, of jaxsph {file.attrs['jaxsph_version']}; "
+                    f"{path} has file layout {int(schema)}, of jaxsph {file.attrs['jaxsph_version']}; "
                     f"this version reads layouts up to {SCHEMA}: install a newer jaxsph"
                 )
             run._own = owner_of(file)
@@ -100,7 +100,7 @@ class RunReader:
         try:
             return tomllib.loads(self.case_toml)
         except tomllib.TOMLDecodeError as error:
-            raise FileError(f"{self.path}: the text of its case is damaged ({error})") from None
+            raise FileError(f"{self.path}: the text of the case is damaged ({error})") from None
 
     @property
     def settings(self) -> dict[str, int | float]:

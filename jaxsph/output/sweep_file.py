@@ -87,7 +87,7 @@ class SweepFile:
         self.path = Path(path)
 
     def is_one(self) -> bool:
-        """Whether the file is that of a sweep. **Raises** FileError if it is missing, damaged or not HDF5."""
+        """Whether the file contains a sweep. **Raises** FileError if it is missing, damaged or not HDF5."""
         check_signature(self.path)
         with open_file(self.path) as file:
             return file.attrs.get("kind") == "sweep"
@@ -137,7 +137,7 @@ class SweepFile:
         check_signature(self.path)
         with open_file(self.path) as file:
             if file.attrs.get("kind") != "sweep":
-                raise FileError(f"{self.path}: is not the file of a sweep; give another name")
+                raise FileError(f"{self.path} is not the file of a sweep; give another name")
             about = json.loads(file.attrs.get("about", "{}"))
             labels = json.loads(file.attrs.get("labels", "{}"))
             case, made_by = str(file.attrs["case"]), str(file.attrs["jaxsph_version"])

@@ -25,7 +25,7 @@ def export_vtkhdf(run: RunFile, path: str | Path) -> Path:
     path = Path(path)
     count = run.snapshot_count
     if count == 0:
-        raise FileError(f"{run.path}: has no snapshots yet; continue the run, then export again")
+        raise FileError(f"{run.path} has no snapshots yet; continue the run, then export again")
     _check_replaceable(path)
     with tell_write_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -55,7 +55,7 @@ def _check_replaceable(path: Path) -> None:
     with contextlib.suppress(OSError), h5py.File(path, "r") as file:
         if "VTKHDF" in file:
             return
-    raise FileError(f"{path}: exists and is not an earlier export; give another name")
+    raise FileError(f"{path} exists and is not an earlier export; give another name")
 
 
 def _three(a: np.ndarray) -> np.ndarray:

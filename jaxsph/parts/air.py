@@ -126,7 +126,7 @@ class Confined(eqx.Module):
     """State of compressible air in a chamber."""
 
     excess: Tally
-    """Volume that the air would have at ambient pressure, minus the volume that it has, m2."""
+    """Volume that the air would have at ambient pressure, minus the present volume, m2."""
     passed: Scalar
     """Flow through the power take-off in the last step, m2/s."""
 
@@ -178,8 +178,9 @@ class IsentropicAir(AbstractAirLaw):
         """See `AbstractAirLaw`.
 
         For soft air the flow at the surface is evaluated in the middle of the step, so that the spring
-        neither gains nor loses energy. With increasing omega^2 dt^2 = dt compliance / give, this point moves
-        towards the end of the step. This damps oscillations between steps where the air is too stiff for dt.
+        neither gains nor loses energy. With increasing omega^2 dt^2 = dt compliance / give, the time of
+        evaluation moves towards the end of the step. This shift damps oscillations from step to step if the
+        air is too stiff for dt.
         """
         P_n = self.pressure(air)
         give = self._room(air) / (self.gamma * (self.p0 + P_n))  # -dV/dP_a
@@ -192,7 +193,8 @@ class IsentropicAir(AbstractAirLaw):
         return P_a, free - softer * P_a
 
     def divided(self, pressed, mean):
-        """See `AbstractAirLaw`. The power take-off's law sets the flow, so that a closed PTO has no flow."""
+        """See `AbstractAirLaw`. The power take-off's law determines the flow, so that a closed PTO has no
+        flow."""
         del mean
         return pressed.passed, pressed.ducted
 

@@ -54,14 +54,15 @@ class BodyMotion(eqx.Module):
     contact: Float[Array, " V"]
     """Contact force of the water in the last step, N, N m (per metre in 2-D).
 
-    It acts on the body in the next step.
+    This force acts on the body in the next step.
     """
     impulse: Tally
     """Impulse `[V]` of the water's force, N s, N m s (per metre in 2-D)."""
 
 
 class RigidBody(PosedSolid, AbstractBody):
-    """Rigid body whose free motions follow the forces on it; its joint determines which motions are free."""
+    """Rigid body whose free motions follow from the forces on the body. Its joint determines which motions
+    are free."""
 
     shape: AbstractShape
     """Shape in the position at rest."""

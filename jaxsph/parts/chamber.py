@@ -67,10 +67,10 @@ class BodyForceGrip(AbstractGrip):
 class Chamber(AbstractChamber):
     """Water column below trapped air between walls, and the air's power take-off.
 
-    A smooth function chi of position weights the air's pressure: it is 1 in the upper part of the column and
-    fades to 0 towards the level of the front wall's tip. The flow q = -sum_i f_i.u_i, where f_i is the force
-    on particle i per unit of P_a, is the volume flux averaged over the fading zone. P_a q is then exactly the
-    power that the air's force extracts from the particles.
+    A smooth function chi of position weights the air's pressure: chi is 1 in the upper part of the column and
+    fades to 0 towards the level of the front wall's tip. The flow is q = -sum_i f_i.u_i, with the force f_i
+    on particle i per unit of P_a. This sum is the volume flux averaged over the fading zone. P_a q is then
+    exactly the power that the air's force extracts from the particles.
     """
 
     pto: AbstractPTO
@@ -183,7 +183,8 @@ class Chamber(AbstractChamber):
 
     def inside(self, x: Components) -> Array:
         """Mask of points x (m), True between the chamber's walls."""
-        # The mask ends sharply at the front wall's face, which affects no particle: none is inside the wall.
+        # The mask ends sharply at the front wall's face. No particle is affected, because none is inside the
+        # wall.
         return self.sides.between(x, 1e-4, self.beyond)
 
     def weight(self, x: Components) -> Float[Array, " N"]:
@@ -212,7 +213,7 @@ class Chamber(AbstractChamber):
             )
 
         force = self.frame.turned(parts, scheme.grip.force(self, self.frame.back(parts, x), V, around))
-        # no force acts on a particle without mass, so any divisor will do
+        # no force acts on a particle without mass, so that any divisor is suitable
         m = jnp.where(fields["m"] > 0.0, fields["m"], 1.0)
         return AirCoupling(index, force, m, slabs, self.frame.reaction(parts, x, force))
 

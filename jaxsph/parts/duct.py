@@ -1,4 +1,4 @@
-"""Duct between the air of two chambers, with a turbine or an orifice in it."""
+"""Duct with a turbine or an orifice between the air of two chambers."""
 
 from __future__ import annotations
 

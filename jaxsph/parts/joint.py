@@ -66,7 +66,7 @@ class AbstractMotionsJoint(AbstractJoint):
 
     @property
     def _moving(self) -> tuple[list[bool], list[bool]]:
-        """Whether each displacement, and each rotation, is free or has a velocity."""
+        """Whether each displacement and each rotation is free or has a given velocity."""
         moving = [bool(a or v) for a, v in zip(self.free, self._rates, strict=True)]
         return moving[: self.space.dim], moving[self.space.dim :]
 

@@ -83,7 +83,7 @@ class WaveMotion(AbstractGivenMotion):
 
 
 class AbsorbingMotion(AbstractMotion):
-    """Motion of a piston that generates waves and absorbs reflected ones (Zhu et al. 2020, Eq. 23)."""
+    """Motion of a piston that generates waves and absorbs reflected waves (Zhu et al. 2020, Eq. 23)."""
 
     waves: AbstractWaves
     """Waves that the motion generates."""
@@ -155,7 +155,7 @@ class AbstractPaddle(AbstractWall):
         return jnp.zeros_like(x).at[:, 0].set((self.speed(new, x) - self.speed(old, x)) / dt)
 
     def gap(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, " N"]:
-        """Distance of particles at x (m) from the paddle's face, m; negative behind it."""
+        """Distance of particles at x (m) from the paddle's face, m; negative behind the face."""
         return x[:, 0] - (jnp.asarray(self.face, x.dtype) + self.shift(motion, x))
 
     def push(self, motion, x, dx, c0):

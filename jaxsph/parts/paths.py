@@ -33,7 +33,8 @@ class HarmonicPath(AbstractPath):
 
 
 class SampledPath(AbstractPath):
-    """Motion interpolated by cubic splines between samples; at rest before the first and after the last."""
+    """Motion interpolated by cubic splines between samples; at rest before the first sample and after the
+    last."""
 
     t: Float[Array, " K"]
     """Times of the samples, s."""

@@ -52,7 +52,7 @@ class PosedSolid(AbstractMovingSolid):
         return jnp.einsum("knd,k->nd", self.directions(motion, x), motion.velocity)
 
     def centripetal(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, "N D"]:
-        """Centripetal acceleration of the solid at points x (m), m/s2, due to constant rotation."""
+        """Centripetal acceleration of the solid at points x (m), m/s2, for constant angular velocity."""
         return self.space.centripetal(motion.velocity, self.lever(motion, x))
 
     def distance(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, " N"]:

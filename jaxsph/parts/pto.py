@@ -125,7 +125,8 @@ class CharacteristicCurve(AbstractTurbine):
 
 
 def _on_lines(x: Scalar, nodes: Float[Array, " n"], values: Float[Array, " n"]) -> Scalar:
-    """Value at x, interpolated linearly from `values` at ascending `nodes` and extrapolated beyond them."""
+    """Value at x, interpolated linearly from `values` at ascending `nodes` and extrapolated beyond the first
+    and the last node."""
     i = jnp.clip(jnp.searchsorted(nodes, x) - 1, 0, nodes.shape[0] - 2)
     share = (x - nodes[i]) / (nodes[i + 1] - nodes[i])
     return values[i] + share * (values[i + 1] - values[i])
@@ -166,9 +167,9 @@ class PhasedPTO(AbstractPTO):
 class ControlledPTO(AbstractPTO):
     """Power take-off set in every step by a function of the chamber's state.
 
-    `control(air, t)` returns the power take-off for the step, for example a turbine with another damping. Its
-    arguments are the chamber's `air` at the beginning of the step (pressure `air.P_a`, flow `air.q`, volume
-    `air.driven.total` displaced by the rise of the water) and the time t (s).
+    `control(air, t)` returns the power take-off for the step, for example a turbine with another damping. The
+    arguments of `control` are the chamber's `air` at the beginning of the step (pressure `air.P_a`, flow
+    `air.q`, volume `air.driven.total` displaced by the rise of the water) and the time t (s).
     """
 
     control: jax.tree_util.Partial
@@ -225,7 +226,8 @@ class ReliefValve(AbstractPTO):
         return jnp.clip(self.turbine.pressure(q_free, compliance, t), -self.under, self.over)
 
     def flows(self, P_a, q):
-        """See `AbstractPTO`: at a limiting pressure the valve passes the flow that exceeds the turbine's."""
+        """See `AbstractPTO`: at a limiting pressure the valve passes the flow that exceeds the turbine's
+        flow."""
         # An infinite limit is never reached, and any finite number in its place keeps derivatives finite.
         over, under = (jnp.where(jnp.isfinite(limit), limit, 1.0) for limit in (self.over, self.under))
         turbine = _turbine(self.turbine)
@@ -237,9 +239,12 @@ class ReliefValve(AbstractPTO):
 
 
 def _turbine(pto: AbstractPTO) -> AbstractTurbine:
-    """Turbine in parallel with a valve. **Raises** TypeError if it is not an `AbstractTurbine`."""
+    """Turbine in parallel with a valve. **Raises** TypeError unless `pto` is an `AbstractTurbine`."""
     if not isinstance(pto, AbstractTurbine):
-        raise TypeError(f"turbine = {type(pto).__name__}: in parallel with a valve, use an AbstractTurbine")
+        raise TypeError(
+            f"turbine = {type(pto).__name__} cannot be in parallel with a relief valve: "
+            "use an AbstractTurbine"
+        )
     return pto
 
 

@@ -27,8 +27,8 @@ class Segments(eqx.Module):
 class SegmentedPaddle(AbstractPaddle):
     """Wavemaker of many hinged segments, which follows the depth-averaged flow of waves.
 
-    A relaxation zone in front of it imposes the velocity profile. The face has the slope dX/dy, a few
-    hundredths, which the mirror images of the water neglect.
+    A relaxation zone in front of the wavemaker imposes the velocity profile. The slope dX/dy of the face is a
+    few hundredths, and is neglected in the mirror images of the water.
     """
 
     field: AbstractWaveField

@@ -17,7 +17,7 @@ class SpongeLayer(eqx.Module):
     start: Scalar = eqx.field(converter=real)
     """Coordinate of the layer's start, in the water, m."""
     end: Scalar = eqx.field(converter=real)
-    """Coordinate of the layer's end, at the wall or beyond, m; it may be less than `start`."""
+    """Coordinate of the layer's end, at the wall or behind the wall, m; may be less than `start`."""
     axis: int = eqx.field(static=True, default=0)
     """Axis of the coordinates: 0 along the tank, 1 across it."""
 

@@ -47,7 +47,7 @@ class EnergyProbe(AbstractProbe):
     def held(model: Model, state: State) -> tuple[Scalar | float, Scalar | float]:
         """Kinetic energy of the bodies, and potential energy of water, bodies and links, J (J/m in 2-D).
 
-        The potential energy of the water is due to the body forces, without gravity.
+        The potential energy of the water is that in the model's `forces`, which do not include gravity.
         """
         kinetic = potential = 0.0
         for force in model.forces:

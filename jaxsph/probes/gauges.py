@@ -91,8 +91,8 @@ class InterpolatedGauge(AbstractProbe):
 class WireGauge(AbstractProbe):
     """Gauge of the surface elevation (m) at points, from the wet length of a vertical wire.
 
-    A resistance gauge measures this length. A splash adds only the length that it wets, whatever its height,
-    and over a dry bed the depth is zero. The volume fraction of water along the wire is
+    A resistance gauge measures this length. A splash adds only the length that it wets, whatever the height
+    of the splash, and over a dry bed the depth is zero. The volume fraction of water along the wire is
     sum_j V_j W(x - x_j). The integral of this fraction over the height is sum_j V_j W'(x - x_j), where W' is
     a Gaussian of the horizontal distance with a smoothing length of 1.2 dx. The reading of a plane surface is
     exact. In a wave of wavenumber k the reading is too low by the fraction 0.36 (k dx)^2. Next to a wall the

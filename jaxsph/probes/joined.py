@@ -39,7 +39,7 @@ def _joined(
             if name in joined:
                 raise ValueError(
                     f"the reading {name!r} belongs to two probes, {owner[name]} and {type(probe).__name__}: "
-                    "rename one of the parts that they read, or leave out one of the probes"
+                    "rename one of the parts that these probes measure, or leave out one of the probes"
                 )
             joined[name], owner[name] = value, type(probe).__name__
     return joined

@@ -83,8 +83,8 @@ class Problem:
         steps = self.sample_dt / float(self.model.dt)
         if abs(steps - round(steps)) > 1e-3 * steps:
             raise CaseError(
-                f"sample_dt = {self.sample_dt:g} s: is {steps:.4g} time steps of the model, but must be a "
-                "whole number of them: give assemble and Problem the same sample_dt"
+                f"sample_dt = {self.sample_dt:g} s is {steps:.4g} time steps of the model, but must be a "
+                "whole number of time steps: give assemble and Problem the same sample_dt"
             )
         try:
             self.units = described(self.probes)
@@ -165,7 +165,7 @@ def _with_parts(model: Model, parts: dict[str, Any]) -> Model:
     fields = [field.name for field in dataclasses.fields(Model)]
     for name in parts:
         if name not in fields:
-            raise CaseError(f"{name}: is not a field of the model, which has {', '.join(fields)}")
+            raise CaseError(f"{name} is not a field of the model, which has {', '.join(fields)}")
     given = {name: tuple(value) if isinstance(value, list) else value for name, value in parts.items()}
     changed = dataclasses.replace(model, **given)
     try:
@@ -176,7 +176,7 @@ def _with_parts(model: Model, parts: dict[str, Any]) -> Model:
     stable = changed.scheme.stable_dt(g, len(changed.g))
     if dt > 1.001 * stable:
         raise CaseError(
-            f"scheme: is stable with time steps up to {stable:.3g} s, but the model's are {dt:.3g} s: build "
+            f"scheme: stable with time steps up to {stable:.3g} s, but the model's step is {dt:.3g} s: build "
             "the problem with shorter time steps"
         )
     return changed

@@ -82,10 +82,10 @@ class Program:
         except Exception as error:
             frame = traceback.extract_tb(error.__traceback__)[-1]
             where = f"{Path(frame.filename).name}, line {frame.lineno}"
-            raise CaseError(f"{self}: raised {type(error).__name__}: {error} ({where})") from error
+            raise CaseError(f"{self} raised {type(error).__name__}: {error} ({where})") from error
         if not isinstance(made, Problem):
             raise CaseError(
-                f"{self}: returned {_kind(made)}: must be a js.Problem, for example js.Problem(model, "
+                f"{self} returned {_kind(made)}: must be a js.Problem, for example js.Problem(model, "
                 "state, sample_dt, t1)"
             )
         if made.name == "assembled":
@@ -115,7 +115,7 @@ class Program:
         return toml_text(about | {"arguments": self.arguments})
 
     def roughness(self, name: str) -> str:
-        """See `Source.roughness`: empty, since only a test can tell."""
+        """See `Source.roughness`: empty, since only a test can show a rough dependence."""
         del name
         return ""
 
@@ -128,7 +128,7 @@ def _arguments(
     kinds = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     if unnamed := [name for name, one in known.items() if one.kind not in kinds]:
         raise CaseError(
-            f"{program.place}: {', '.join(unnamed)}: cannot be passed by name; use named arguments only"
+            f"{program.place}: {', '.join(unnamed)} cannot be passed by name; use named arguments only"
         )
     for name in given:
         if name not in known:
@@ -137,7 +137,7 @@ def _arguments(
     for name, one in known.items():
         value = given.get(name, one.default)
         if value is inspect.Parameter.empty:
-            raise CaseError(f"{program.place}: {name}: is missing; give it as {name}=VALUE, or set a default")
+            raise CaseError(f"{program.place}: {name} is missing; give it as {name}=VALUE, or set a default")
         found[name] = _plain(program, name, value, one.default)
     return found
 
@@ -161,7 +161,7 @@ def _unknown(program: Program, name: str, known: Mapping[str, Any]) -> str:
     """Message for an argument that a function does not have."""
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     meant = f"; did you mean {near[0]!r}?" if near else ""
-    return f"{program.place}: has no argument {name!r}{meant} (it has {', '.join(known) or 'none'})"
+    return f"{program.place} has no argument {name!r}{meant} (it has {', '.join(known) or 'none'})"
 
 
 def _kind(value: Any) -> str:
@@ -206,7 +206,7 @@ def _function_at(place: str) -> Callable[..., Problem]:
         ]
         near = difflib.get_close_matches(name, here, n=1)
         meant = f"; did you mean {near[0]}?" if near else ""
-        raise CaseError(f"{text}: has no function {name!r}{meant} (it has {', '.join(here) or 'none'})")
+        raise CaseError(f"{text} has no function {name!r}{meant} (it has {', '.join(here) or 'none'})")
     return function
 
 

@@ -28,7 +28,7 @@ def energy_result(model: Model, averaged: bool) -> Result:
 def _energy(averaged: bool, record: Record) -> Scalars:
     """Energy balance over the window; with `averaged`, also over the whole record.
 
-    In regular waves the window consists of whole periods, because in every period a paddle takes back most
+    In regular waves the window consists of whole periods, because in every period a paddle recovers most
     of the energy that it gives to the water.
     """
     names, series = harvested(record.solution.model), record.solution.series

@@ -61,6 +61,6 @@ def source_of(given: Any) -> Source:
     if callable(given):
         return Program(cast(Callable[..., Problem], given))
     raise CaseError(
-        f"{type(given).__name__}: cannot be run: give a js.Case, a js.Problem, or a function that returns a "
+        f"{type(given).__name__} cannot be run: give a js.Case, a js.Problem, or a function that returns a "
         "js.Problem"
     )

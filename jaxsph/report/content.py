@@ -126,7 +126,7 @@ def _about(run: RunFile, keys: dict[str, Any], series: dict[str, np.ndarray]) ->
 
 
 def _theory(case: Case | None) -> list[tuple[str, str]]:
-    """Row that explains why no linear theory is drawn for chambers or bodies; empty if it is drawn."""
+    """Table row that explains why predictions of linear theory are not shown; empty if they are shown."""
     why = "" if case is None else why_no_theory(case)
     return [("linear theory", f"not drawn: {why}")] if why else []
 
@@ -196,7 +196,7 @@ def panels(
     pack: Pack,
     expected: dict[str, list[float]] | None = None,
 ) -> list[dict[str, Any]]:
-    """Panels over time: title, unit, and lines with their names, times and values.
+    """Time-series panels: title, unit, and lines with their names, times and values.
 
     **Arguments**: `expected`: values by linear theory, by series, drawn as horizontal dashed lines.
     """

@@ -29,8 +29,8 @@ def doubts(results: Mapping[str, float], waves: bool) -> list[Doubt]:
         (
             noise > NOISY,
             f"The particles are noisy: their velocities deviate from those of neighbours by {noise:.2g} of "
-            f"their speed (limit: {NOISY:g}). Reduce dx, or colour the particles by noise to see where it "
-            "comes from.",
+            f"their speed (limit: {NOISY:g}). Reduce dx, or colour the particles by noise to locate the "
+            "cause.",
             f"have noisy particles (limit: {NOISY:g} of their speed): reduce dx.",
         ),
         (

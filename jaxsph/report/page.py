@@ -43,13 +43,13 @@ def report(
         raise FileError("report: no file; give the file of a run or of a sweep")
     out = paths[0].with_suffix(".html") if out is None else Path(out)
     if out.resolve() in {path.resolve() for path in paths}:
-        raise FileError(f"{out}: is one of the files to be shown; give another name with --out")
+        raise FileError(f"{out} is one of the files to be shown; give another name with --out")
     if out.is_dir():
-        raise FileError(f"{out}: is a folder; give the name of a page, such as {out / 'page.html'}")
+        raise FileError(f"{out} is a folder; give the name of a page, such as {out / 'page.html'}")
     if out.exists() and not overwrite and MARK not in out.read_bytes():
         raise FileError(
-            f"{out}: exists and is not a page of jaxsph; nothing was changed. Give another name with --out, "
-            "or replace it with --overwrite"
+            f"{out} exists and is not a page of jaxsph; nothing was changed. Give another name with --out, "
+            "or replace the file with --overwrite"
         )
     record = record_of(paths)
     text = render_page(record, title_of(paths), three() if any(map(_in_space, paths)) else None)
@@ -74,7 +74,7 @@ def record_of(paths: Sequence[Path], frames: dict[Path, Frames] | None = None) -
             raise
         except Exception as error:  # damaged contents raise errors of many kinds
             raise FileError(
-                f"{path}: cannot be shown ({type(error).__name__}: {error}): it is damaged, or was written "
+                f"{path} cannot be shown ({type(error).__name__}: {error}): it is damaged, or was written "
                 "by another version of jaxsph"
             ) from error
     return pack.compress({"runs": _told_apart(runs), "sweeps": sweeps})

@@ -132,7 +132,7 @@ def solids_of(case: Case, scene: dict[str, Any]) -> tuple[Solid, ...]:
         found.append(Solid(name if moves else "", at, surface, pivot, floats=moves))
     for name, shape in geometry.solids.items():
         found.append(Solid("", shape, _surface(case.solid[name], shape), np.zeros(3)))
-    # of the outlines of solids that do not move, the last ones are those of bodies without motions
+    # the outlines of bodies without motions are the last ones of the solids that do not move
     fixed = sum(name not in pivots for name in geometry.shapes)
     still = [one for one in outlines if not one["name"]]
     plates = [one for one in still[: len(still) - fixed] if one["corners"]]

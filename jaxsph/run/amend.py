@@ -44,8 +44,8 @@ CHANGEABLE = (
     "scheme.relaxation",
     "scheme.shifting",
 )
-"""Keys of a case that `resume` may change. The tank's walls are rebuilt; particles, solids and the energies
-exchanged are kept. A new time step applies from the last sample on."""
+"""Keys of a case that `resume` may change. The tank's walls are rebuilt; particles, solids and exchanged
+energies are kept. A new time step applies from the last sample on."""
 
 REASONS = {
     "dx": "it is the spacing of the existing particles",
@@ -104,7 +104,9 @@ def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> tuple[Star
     t = int(start.state.step) / old_every * old_dt
     samples = t / dt
     if abs(samples - round(samples)) > 1e-6 * max(samples, 1.0):
-        raise CaseError(f"output.sample_dt = {dt:g} s: the run is at {t:g} s, which is not a multiple of it")
+        raise CaseError(
+            f"output.sample_dt = {dt:g} s: the run is at {t:g} s, which is not a multiple of sample_dt"
+        )
     known, found = search_settings(start.model), search_settings(model)
     model = with_settings(
         model, {k: v if k == "rebuild_every" else max(v, known[k]) for k, v in found.items()}
@@ -147,7 +149,7 @@ def amended_case(case: Case, changes: Mapping[str, Any]) -> Case:
                 key, REASONS.get(key.partition(".")[0], "the run depends on it from the start")
             )
             raise CaseError(
-                f"{key}: cannot change during a run: {reason}. Start a new run with --set, or "
+                f"{key} cannot change during a run: {reason}. Start a new run with --set, or "
                 f"change one of {', '.join(CHANGEABLE)}"
             )
     new = case.replace(dict(changes))
@@ -171,11 +173,11 @@ def _check_laws(case: Case, new: Case) -> None:
             of = "pto" if case.pto is old else f"{name}: pto"
             if old.is_turbine != now.is_turbine:
                 raise CaseError(
-                    f"{of}: cannot change between a turbine and a prescribed pressure during a run"
+                    f"{of} cannot change between a turbine and a prescribed pressure during a run"
                 )
             if old.has_relief != now.has_relief:
                 raise CaseError(
-                    f"{of}.relief: cannot be added or removed during a run: the energy budget contains it"
+                    f"{of}.relief cannot be added or removed during a run: the energy budget contains it"
                 )
 
 

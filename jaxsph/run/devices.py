@@ -106,12 +106,12 @@ def _obstacle(model: Model) -> str:
 def share(model: Model, state: State, devices: int) -> tuple[Model, State]:
     """Shares the particles of a run among `devices` devices, in slabs along the tank.
 
-    The tables are sized for the state. On one device, too, the tables may leave out walls away from the
+    The tables are sized for the state. On a single device the tables may also omit walls away from the
     water.
 
-    If `devices` does not divide the number of particles, copies without mass are added, which drift with the
-    water and act on nothing. **Returns** the model and the state. **Raises** CaseError for a case that cannot
-    be shared.
+    If `devices` does not divide the number of particles, massless copies are added, which drift with the
+    water and exert no forces. **Returns** the model and the state. **Raises** CaseError for a case that
+    cannot be shared.
     """
     if devices == 1:
         if isinstance(model.search.method, Cells):

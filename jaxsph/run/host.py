@@ -56,7 +56,7 @@ def run(
     progress: bool = True,
     devices: int | None = None,
 ) -> Solution:
-    """Runs a case, a `Problem`, or a function that returns one, to t1 (s; the problem's end by default).
+    """Runs a case, a `Problem` or a function that returns a `Problem`, to t1 (s), by default the problem's t1.
 
     The run is recorded in the file `out`, if given.
 
@@ -105,7 +105,7 @@ def resume(
     if changes:
         if processes.count > 1:
             raise CaseError(
-                "changes: not possible in a run of several processes; make them with one process first"
+                "changes are not possible in a run of several processes; make them with one process first"
             )
         start, change = amend(file, start, changes)
     t1 = start.problem.t1 if t1 is None else t1
@@ -135,17 +135,17 @@ def load_start(path: str | Path, given: Any = None) -> Start:
     source = stored_source(file, given)
     if file.schema != SCHEMA:
         raise FileError(
-            f"{path}: holds a checkpoint of layout {file.schema}, but this version resumes checkpoints "
+            f"{path} holds a checkpoint of layout {file.schema}, but this version resumes checkpoints "
             f"of layout {SCHEMA} only: finish the run with the version that began it, or run the case again. "
-            "Its series and snapshots can still be read"
+            "The series and snapshots of the file can still be read"
         )
     saved = file.checkpoint()
     if not saved:
         raise FileError(
-            f"{path}: holds no checkpoint (a killed run keeps it next to the file, in "
+            f"{path} holds no checkpoint (a killed run keeps it next to the file, in "
             f"{Path(path).name}.checkpoint): run the case again with --overwrite"
         )
-    # the progress holds the settings of the last chunk: tables may have grown since the first chunk
+    # the stored progress contains the settings of the last chunk: tables may have grown since the first chunk
     known = file.settings | {k: v for k, v in file.progress().items() if k in file.settings}
     problem = source.problem()
     model = with_settings(problem.model, {k: int(v) for k, v in known.items()})
@@ -153,7 +153,7 @@ def load_start(path: str | Path, given: Any = None) -> Start:
     if differ:
         few = "; ".join(differ[:5]) + (f"; and {len(differ) - 5} more" if len(differ) > 5 else "")
         raise FileError(
-            f"{path}: this version builds another model from its case: {few}. To avoid mixing two models, "
+            f"{path}: this version builds another model from the case: {few}. To avoid mixing two models, "
             "finish the run with the version that began it, or run the case again"
         )
     return Start(source, problem, model, restored_state(problem.state, saved, path))

@@ -36,7 +36,7 @@ class Interrupt:
         """Whether the run has saved a chunk; until then an interrupt ends the run at once."""
 
     def chunk_is_saved(self) -> None:
-        """Notes that a chunk was saved. **Raises** KeyboardInterrupt if the run is asked to stop."""
+        """Notes that a chunk was saved. **Raises** KeyboardInterrupt if a stop is requested."""
         self.has_saved = True
         if self.asked:
             raise KeyboardInterrupt
@@ -80,7 +80,7 @@ def hear_interrupts() -> Iterator[Interrupt]:
 
 @contextlib.contextmanager
 def end_at_once(words: Callable[[], str]) -> Iterator[None]:
-    """Context of a program with a single run: an interrupt ends it at once or after the run's chunk.
+    """Context of a program with one run: an interrupt ends the program at once or after the run's chunk.
 
     An interrupt before the first saved chunk, or a second interrupt, ends the program at once. A thread
     handles the signal, even while the main thread is busy compiling. **Arguments**: `words` returns the last

@@ -70,7 +70,7 @@ def advance(
     sample_every: int,
     n_steps: jax.Array,
 ) -> tuple[State, dict[str, jax.Array]] | None:
-    """Result of `steps(model, state, ...)` by a stored program, which is made if there is none.
+    """Result of `steps(model, state, ...)` from a stored program; a missing program is made and stored.
 
     `key`: see `key_of`. **Returns** None if such a program cannot be stored.
     """

@@ -60,7 +60,7 @@ class Processes:
     """Processes that share a run: their names, and the index of this process."""
 
     def __init__(self) -> None:
-        """Asks every process for its name; all processes must call this together."""
+        """Collects the names of all processes; all processes must call this together."""
         self.count = jax.process_count()
         self.here = jax.process_index()
         self.names: list[str] = []

@@ -1,4 +1,5 @@
-"""Scene that pictures draw around the particles of a run, as stored in the run's file."""
+"""Walls, solids and links that are drawn around the particles in pictures of a run, as stored in the run's
+file."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ def stored_source(file: RunFile, given: Any = None) -> Source:
     stored = Case.from_dict(keys)
     if given is not None and given != stored:
         raise FileError(
-            f"{file.path}: contains a run of the case {stored.name!r}, which differs from the given case "
+            f"{file.path} contains a run of the case {stored.name!r}, which differs from the given case "
             f"{getattr(given, 'name', given)!r}; resume without a case, or run the given case to a new file"
         )
     return stored
@@ -38,17 +38,17 @@ def _program(path: Path, keys: dict[str, Any], given: Any) -> Source:
     if given is None:
         again = f"jaxsph resume {path} --program {place}" if place else "js.resume(path, given=problem)"
         raise FileError(
-            f"{path}: was made by {place or 'a problem that a program assembled'}; jaxsph does not import "
+            f"{path} was made by {place or 'a problem that a program assembled'}; jaxsph does not import "
             f"code that is only named in a file, so pass the function or the problem again: {again}"
         )
     source = source_of(given)
     if isinstance(source, Program) and source.arguments != keys.get("arguments"):
         source = _with_arguments(path, source, keys.get("arguments", {}))
     if isinstance(source, Case) or isinstance(source, Assembled) == bool(place):
-        raise FileError(f"{path}: was made by {place or 'an assembled problem'}, and not by {source.name!r}")
+        raise FileError(f"{path} was made by {place or 'an assembled problem'}, and not by {source.name!r}")
     if isinstance(source, Program):
         if Path(source.place).name != Path(place).name:
-            raise FileError(f"{path}: was made by {place}, and not by {source.place}")
+            raise FileError(f"{path} was made by {place}, and not by {source.place}")
         if source.digest != keys["digest"]:
             raise FileError(
                 f"{path}: {place} has changed since the run began, and might build another problem: use the "
@@ -61,7 +61,7 @@ def _with_arguments(path: Path, program: Program, arguments: dict[str, Any]) -> 
     try:
         return program.replace(arguments)
     except CaseError as error:
-        raise FileError(f"{path}: was made with other arguments ({error})") from None
+        raise FileError(f"{path} was made with other arguments ({error})") from None
 
 
 def stored_identity(path: Path, text: str, version: str) -> dict[str, Any]:
@@ -72,5 +72,5 @@ def stored_identity(path: Path, text: str, version: str) -> dict[str, Any]:
         return identity(text if "program" in keys else Case.from_dict(keys).to_toml())
     except (CaseError, tomllib.TOMLDecodeError) as error:
         raise FileError(
-            f"{path}: this version cannot read its case ({error}); use the version that wrote it, {version}"
+            f"{path}: this version cannot read the case ({error}); use the version that wrote it, {version}"
         ) from None

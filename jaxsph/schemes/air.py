@@ -49,7 +49,7 @@ class Met(NamedTuple):
 
 
 class WaterLine(NamedTuple):
-    """Flows out of the chambers as linear functions of their pressures over a step."""
+    """Flows out of the chambers as linear functions of the chambers' pressures over a step."""
 
     flows: Mapping[str, Scalar]
     """Flow out of every chamber at the step's end if all pressures were zero, m3/s (m2/s in 2-D)."""
@@ -123,7 +123,7 @@ def meet_laws(model: Model, parts: Mapping[str, Any], line: WaterLine, interval:
 
 
 class CorrectedForAir(NamedTuple):
-    """Water and bodies after a step's air pressures have replaced those of the previous step."""
+    """Water and bodies after a step's air pressures have replaced the air pressures of the previous step."""
 
     met: Met
     """Air of chambers and ducts."""
@@ -132,7 +132,7 @@ class CorrectedForAir(NamedTuple):
     u: Float[Array, "N D"]
     """Velocities of the water at the step's end, m/s."""
     pressed: Float[Array, "N D"]
-    """Part of the velocities' change that is due to the water's pressures, m/s."""
+    """Change of the velocities due to the water pressure, m/s."""
     flows: dict[str, Scalar]
     """Flows out of the chambers at the step's end, m3/s (m2/s in 2-D)."""
     on_bodies: dict[str, Float[Array, " V"]]

@@ -131,7 +131,8 @@ class AbstractParticleScheme(AbstractScheme):
         return Sources(fields, {})
 
     def level_pressure(self, model: Model, state: State) -> dict[str, Float[Array, " N"]]:
-        """Field "level_p": pressure (Pa) from which dummies find the water level; empty if it equals p."""
+        """Field "level_p": pressure (Pa) from which the water level at dummies is computed; empty if this
+        pressure equals p."""
         del model, state
         return {}
 
@@ -163,7 +164,7 @@ class AbstractParticleScheme(AbstractScheme):
         return model.walls.carrier(*self._seen(ghosts, tables))
 
     def _seen(self, ghosts: GhostFields, tables: Tables):
-        """Arguments for the methods of the walls that carry fields of the water to the ghosts."""
+        """Arguments of the methods `carried` and `carrier` of the walls."""
         return ghosts.fit, ghosts.nodes, ghosts.water, self.smoothing, tables.images, tables.nodes
 
     def ghosts(self, model: Model, state: State, tables: Tables, interval: Interval) -> GhostFields:
@@ -207,7 +208,8 @@ class AbstractParticleScheme(AbstractScheme):
     def ghost_velocity(
         self, model: Model, parts: Mapping[str, Any], tables: Tables, ghosts: GhostFields
     ) -> GhostFields:
-        """Ghosts with their velocities (m/s), which follow from those of the water around their nodes.
+        """Ghosts with their velocities (m/s), which follow from the velocities of the water around the
+        ghosts' nodes.
 
         The states in `parts` give the velocities of moving solids.
         """
@@ -261,7 +263,7 @@ class AbstractParticleScheme(AbstractScheme):
 
 
 def _checked_tables(state: State, search, found: dict[str, jax.Array], too_many: jax.Array):
-    """Status with the largest table sizes needed so far, and a flag if one exceeds its capacity.
+    """Status with the largest table sizes needed so far, and a flag if a table is too small.
 
     `too_many`: whether more particles are near a wall than there are ghosts for their images.
     """

@@ -76,7 +76,7 @@ class BodiesCoupling(NamedTuple):
     """Accelerations of the coordinates per unit generalised force, with damping over a step; 0 for
     coordinates that are not free."""
     outside: Float[Array, " n"]
-    """Generalised force without the water's pressure, N or N m (per metre in 2-D)."""
+    """Generalised force, excluding that of the water pressure, N or N m (per metre in 2-D)."""
     pulls: dict[str, tuple[Extension, Pull]]
     """Extension (m or rad) and force of every link, by name."""
     kinematics: Kinematics
@@ -101,7 +101,8 @@ class BodiesCoupling(NamedTuple):
         return self.response(p, p_ghosts) + self.inverse @ self.driving
 
     def press(self, p_ghosts: Float[Array, " G"], acceleration: Float[Array, " n"]) -> Float[Array, " G"]:
-        """Pressures of the ghosts (Pa); those of the dummies include the part due to the accelerations."""
+        """Pressures of the ghosts (Pa); the pressures of the dummies include the part due to the
+        accelerations."""
         for hold in self.holds.values():
             added = (hold.ways @ (self.kinematics.movable * acceleration)) @ hold.slopes
             p_ghosts = p_ghosts.at[slice(*hold.rows)].add(added)

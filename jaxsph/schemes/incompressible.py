@@ -380,7 +380,8 @@ class ISPH(AbstractParticleScheme):
         )
 
     def _projected(self, equation: PressureEquation, start: Float[Array, " N"]) -> Projection:
-        """Pressures that remove the velocities' divergence, and the bodies' accelerations due to them.
+        """Pressures that remove the velocities' divergence, and the bodies' accelerations due to these
+        pressures.
 
         `start`: pressures (Pa) from which the solution starts.
         """

@@ -74,7 +74,8 @@ class AbstractIntegrator(eqx.Module):
     """Time integrator, which builds a time step from evaluations of the rates."""
 
     cfl: eqx.AbstractClassVar[float]
-    """Default ratio of time step to h/c0 (Zhu et al. 2020, Eq. 10) (-); stable in tests, with a margin."""
+    """Default ratio of time step to h/c0 (Zhu et al. 2020, Eq. 10) (-). In tests the integrator is stable
+    with this ratio, with a margin."""
 
     evaluations: eqx.AbstractClassVar[int]
     """Number of evaluations of the rates in a step."""
@@ -144,7 +145,7 @@ class PredictorCorrector(AbstractIntegrator):
     def _advance(
         scheme: AbstractRateScheme, model: Model, start: State, at: State, tables: Tables, dt: Scalar
     ) -> State:
-        """State dt (s) after `start`, with the rates of the state `at`."""
+        """Advances the state `start` by dt (s), with the rates evaluated in the state `at`."""
         p0, p = start.particles, at.particles
         t, mechanism = model.time(start), model.mechanism
         halfway = {**start.parts, **mechanism.drifted(start.parts, t, 0.5 * dt)}
@@ -193,7 +194,7 @@ def _accelerate(
     moving: Mapping[str, Any],
     dt: Scalar,
 ) -> _Accelerated:
-    """Water, solids and air dt (s) after `start`, under all forces on the water in the state `at`.
+    """Advances water, solids and air from `start` by dt (s), with all forces evaluated in the state `at`.
 
     `moving`: states of the parts by name, with the motions of the bodies that the forces change.
     """
@@ -229,7 +230,7 @@ def _accelerate(
 
 
 def _line_of(airs: Mapping[str, AirCoupling], flows: Mapping[str, Scalar], dt: Scalar) -> WaterLine:
-    """Flows out of the chambers over a step of dt (s), as functions of their pressures.
+    """Flows out of the chambers over a step of dt (s), as linear functions of the chambers' pressures.
 
     `flows`: flows if all pressures were zero, m3/s (m2/s in 2-D). Sound takes several steps to reach the
     water below: in one step the air moves only the water on which it acts directly.
@@ -274,7 +275,7 @@ def _with_bodies(
 def _with_velocities(
     model: Model, parts: Mapping[str, Any], walls: Mapping[str, Any], bodies: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """States of the parts with positions before the step, and velocities of the solids after it."""
+    """States of the parts with positions before the step, and velocities of the solids after the step."""
     moved = {wall.name: wall.with_velocity(parts[wall.name], walls[wall.name]) for wall in model.moving}
     turned = {
         body.name: eqx.tree_at(lambda b: b.velocity, parts[body.name], bodies[body.name].velocity)

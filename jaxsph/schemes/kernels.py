@@ -16,8 +16,8 @@ from jaxsph.core.pairs import Pair
 from jaxsph.model import laws
 
 SEMICIRCLE = {2: Semicircle.of(2, 14.0), 3: Semicircle.of(3, 13.5)}
-"""Semicircle kernel by number of dimensions, with the least false stress that its support allows on a square
-or cubic lattice (`lattice_stress`)."""
+"""Semicircle kernel by number of dimensions, with the least spurious stress that its support allows on a
+square or cubic lattice (`lattice_stress`)."""
 
 POLYNOMIAL = {
     2: Polynomial.of(2, (0.105, -0.263, 1.275, -1.800, 2.533, -1.482, 0.632), 3),

@@ -71,13 +71,14 @@ class BiCGStab(AbstractSolver):
     iterations: int = eqx.field(static=True, default=1000)
     """Largest number of iterations.
 
-    The number needed grows with the depth of the water in spacings. For a box that sinks in water 105
+    The required number grows with the depth of the water in spacings. For a box that sinks in water 105
     spacings deep, most steps need 4 to 20 iterations, and the slowest step needs about 200.
     """
 
     def solve(self, operator, b, p):
         """See `AbstractSolver.solve`."""
-        # solve for the change since the last step: it is smaller, and so are its rounding errors in float32
+        # solve for the change since the last step: the change is smaller than the pressure, and so are its
+        # rounding errors in float32
         start = jax.lax.stop_gradient(p)
         rest = jax.tree.map(jnp.subtract, b, operator(start))
         # A second unknown, equal to its right-hand side, carries the norm of b to the iteration. For tangents
@@ -101,7 +102,7 @@ class BiCGStab(AbstractSolver):
             return (x, rhs[1]), (
                 residual / jnp.where(measure > 0.0, measure, 1.0),
                 residual <= 1.001 * least,
-            )  # 1.001 for the rounding of a square root
+            )  # the factor 1.001 allows for the rounding of a square root
 
         (change, _), (residual, converged) = jax.lax.custom_linear_solve(
             extended, (rest, size), solve=iterate, transpose_solve=iterate, has_aux=True

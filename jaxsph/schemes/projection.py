@@ -32,17 +32,18 @@ the particles of still water do not come to rest.
 SECOND_ROW = 28.0
 """Rate of removing crowding in the second row below a free surface, as a multiple of `relaxation` dt g/h (-).
 
-A rate proportional to dt acts as a spring whose stiffness does not depend on dt. The spring counteracts
-the pressure, which pushes this row out of place (`surface_stiffness`). With the rate used elsewhere in the
-water the spring would weaken as the time step grows. Neither a value of 40 nor the same rate in the
-third row improves the result noticeably.
+A rate proportional to dt acts as a spring whose stiffness does not depend on dt. The pressure pushes this row
+out of place (`surface_stiffness`), and the spring counteracts the pressure. With the rate used elsewhere in
+the water the spring would weaken as the time step grows. Neither a value of 40 nor the same rate in the third
+row improves the result noticeably.
 """
 
 MOST = 0.5
 """Largest share of the second row's crowding that is removed in one step (-)."""
 
 MEAN_TIME = 3.0
-"""Averaging time of the pressure from which dummies find the water level, as a multiple of sqrt(h/g) (-).
+"""Averaging time of the pressure from which the water level at dummies is computed, as a multiple of
+sqrt(h/g) (-).
 
 A dummy that becomes wet crowds the water next to it, and the pressure of that water makes the dummy wetter.
 With the pressure of the last step, water below a leaning plate never comes to rest. A value of 1 is
@@ -93,7 +94,8 @@ class Poisson(NamedTuple):
         return self.scale * self.table.weighted_sum(self.weights, q._replace(ghosts={"f": q_ghosts}))
 
     def closed(self) -> Array:
-        """Whether there is no free surface; the pressure is then determined up to a constant."""
+        """Whether there is no free surface; without a free surface the pressure is determined up to a
+        constant."""
         return jnp.sum(1.0 - self.free + self.extra) == 0.0
 
 
@@ -101,7 +103,7 @@ class Projection(NamedTuple):
     """Pressures from a projection, and the quality of the solution."""
 
     pressures: Pressures
-    """Pressures of water and ghosts, and the accelerations of the bodies due to them."""
+    """Pressures of water and ghosts, and the accelerations of the bodies due to these pressures."""
     couplings: tuple[BodiesCoupling, ...]
     """Coupling of the bodies to the water, at most one."""
     residual: Scalar
@@ -118,7 +120,7 @@ class PressureEquation(NamedTuple):
     poisson: Poisson
     """Equation of the water alone."""
     at_walls: Callable[[Sources], Float[Array, " G"]]
-    """Function that gives the pressures of the ghosts (Pa) from those of the water."""
+    """Function that gives the pressures of the ghosts (Pa) from the pressures of the water."""
     beyond: Float[Array, " G"]
     """Pressure difference from nodes to ghosts, due to forces and the walls' accelerations, Pa."""
     couplings: tuple[BodiesCoupling, ...]
@@ -196,11 +198,11 @@ def undoing(
 ) -> tuple[Float[Array, " N"], Scalar]:
     """Rate of expansion that removes crowding, 1/s, and the number of particles whose crowding is limited.
 
-    Crowding is the relative excess of the particles' density. It is negative where particles are too sparse,
-    and is limited to the range that ordinary disorder causes. Particles with `filled` below 0.8 are at the
-    surface and have no crowding. The second row of particles below the surface is recognised by the slope of
-    the kernel sum. Crowding in this row is relative to the row's density on a lattice, and the rate of its
-    removal grows with dt (`SECOND_ROW`).
+    Crowding is the relative excess of the particles' density. Crowding is negative where particles are too
+    sparse, and is limited to the range that ordinary disorder causes. Particles with `filled` below 0.8 are
+    at the surface and have no crowding. The second row of particles below the surface is recognised by the
+    slope of the kernel sum. Crowding in this row is relative to the row's density on a lattice, and the rate
+    of its removal grows with dt (`SECOND_ROW`).
 
     **Arguments**: `filled`: ratio of the kernel sum to the kernel sum of a full lattice (-); `edge`: slope
     |sum V grad W| of the kernel sum, times dx (-); `lattice`: sums of the kernel over a lattice;

@@ -145,7 +145,7 @@ class DeltaSPH(AbstractRateScheme):
         return pair * self.integrator.evaluations * self.neighbours(dx, dim)
 
     def fastest(self, dt):
-        """See `AbstractScheme.fastest`: beyond c0/3 the water is no longer weakly compressible."""
+        """See `AbstractScheme.fastest`: above c0/3 the water is no longer weakly compressible."""
         return self.c0 / 3.0
 
     def compression(self, p):
@@ -286,7 +286,7 @@ class DeltaSPH(AbstractRateScheme):
 
 
 def _with_gradient(sources: Sources, grad_rho: tuple[jax.Array, ...]) -> Sources:
-    """Sources with the gradient of the water's density, kg/m4; it is zero for walls."""
+    """Sources with the gradient of the water's density, kg/m4; the gradient is zero for walls."""
     none = jnp.zeros_like(sources.ghosts["V"])
     return sources.adding("grad_rho", grad_rho, tuple(none for _ in grad_rho))
 

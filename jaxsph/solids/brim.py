@@ -26,7 +26,8 @@ PAIRS = 1_000_000
 """Largest number of pairs in memory at a time; each pair takes 24 bytes."""
 
 NOWHERE = 1.0e3
-"""Height far above every tank, m. It is used at a node that sees no water or whose level is not evaluated."""
+"""Height far above every tank, m. This height is used at nodes that see no water and at nodes whose level is
+not evaluated."""
 
 SLACK = 0.05
 """Error of a mean height due to the disorder of the particles, in smoothing lengths h."""
@@ -137,7 +138,7 @@ class Brim(eqx.Module):
         head.
 
         **Arguments**: `height`: mean height of the water above the node, m; `head`: hydrostatic pressure head
-        at the node, found from the water around it, m; `h`: smoothing length, m.
+        at the node, found from the water around the node, m; `h`: smoothing length, m.
         """
         slack = SLACK * h
         # the slack avoids 0 / 0 where both levels have the same mean height

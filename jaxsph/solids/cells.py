@@ -111,7 +111,8 @@ def _inside(away: np.ndarray, side: float) -> np.ndarray:
 
 
 def _merged(x: np.ndarray, volume: np.ndarray, dx: float) -> tuple[np.ndarray, np.ndarray]:
-    """Particles (m, m3) without those smaller than `LEAST`, which are added to the nearest larger ones."""
+    """Positions (m) and volumes (m3) of particles after all particles smaller than `LEAST` are added to the
+    nearest larger particles."""
     large = volume >= LEAST * dx**3
     if large.all() or not large.any():
         return x, volume

@@ -72,7 +72,7 @@ class Placed(AbstractShape):
     """Displacement along the axes, m."""
     angle: Float[Array, "*A"] = eqx.field(converter=plain_numbers, default=0.0)
     """Rotation angle, rad, positive from z towards x. In three dimensions the angles about the x-, y- and
-    z-axis, in this order; a single angle is that about the y-axis."""
+    z-axis, in this order; a single angle is the angle about the y-axis."""
     about: Float[Array, "*D"] = eqx.field(converter=plain_numbers, default=0.0)
     """Centre of the rotation, m."""
 

@@ -28,7 +28,7 @@ TOUCH = 0.4
 
 
 def spring(gap: jax.Array, dx: Scalar, c0: Scalar) -> jax.Array:
-    """Acceleration (m/s2) of a contact spring away from a solid's surface, at the distance `gap` (m) from it.
+    """Acceleration (m/s2) away from a solid's surface due to a contact spring, at the distance `gap` (m).
 
     Mirrored pressures alone do not keep particles off a wall, because the nearer a particle comes to its
     image, the less the image repels the particle. Without the spring, some particles in the vortex at a
@@ -41,7 +41,7 @@ def spring(gap: jax.Array, dx: Scalar, c0: Scalar) -> jax.Array:
 
 
 def push_off(distance: Callable, x: Float[Array, "N D"], dx: Scalar, c0: Scalar) -> Float[Array, "N D"]:
-    """Acceleration (m/s2) of particles at x (m) by a contact spring, along the gradient of `distance`.
+    """Acceleration (m/s2) of particles at x (m) due to a contact spring, along the gradient of `distance`.
 
     `distance` gives the distances `[N]` (m) of points from the solid's surface.
     """
@@ -68,7 +68,7 @@ def corner_push(beside: jax.Array, beyond: jax.Array, away: Callable) -> tuple[j
 def spring_acceleration(
     model: Model, parts: Mapping[str, Any], water: Particles, c0: Scalar
 ) -> Float[Array, "N D"]:
-    """Acceleration of the water by the contact springs of all solids, m/s2.
+    """Acceleration of the water due to the contact springs of all solids, m/s2.
 
     **Arguments**: `parts`: states of the parts by name; `c0`: speed (m/s) that sets the springs' stiffness.
     """
@@ -88,7 +88,7 @@ def stop_at_solids(
 ) -> Float[Array, "N D"]:
     """Removes from velocities (m/s) the component towards a solid whose contact spring pushes the particle.
 
-    Spray that hits a solid therefore stays at the solid; the spring alone would throw it back at the same
+    Spray that hits a solid therefore stays at the solid; the spring alone would reflect the spray at the same
     speed. The removed share grows with the spring's force, and is 1 for a particle that is a tenth of a
     spacing or more inside the spring's range.
 
@@ -111,10 +111,10 @@ def stop_at_solids(
 def touch_force(
     model: Model, body: AbstractBody, motion: Any, water: Particles, kick: Float[Array, "N D"], dt: Scalar
 ) -> Float[Array, " V"]:
-    """Force on a body by contact with the water, N, N m (per metre in 2-D).
+    """Contact force of the water on a body, N, N m (per metre in 2-D).
 
     The force is minus the rate of change of the momentum of the touching water. `kick`: change (m/s) of the
-    water's velocities by contact in a step of dt (s).
+    water's velocities due to contact in a step of dt (s).
     """
     near = body.touches(motion, water.x, model.dx)
     momentum = jnp.where(near, water.m, 0.0)[:, None] * kick

@@ -1,8 +1,8 @@
 """Division of the water around thin walls into regions that see different ghosts.
 
-Particles on one side of a wall thinner than the kernel must not interact with particles on the other side
-(Zhu et al. 2020, section 2.4.1). Static boolean matrices define which regions and which sets of ghosts each
-region sees. The matrices are packed into bit masks that the neighbour search applies.
+Particles on one side of a wall thinner than the kernel's support must not interact with particles on the
+other side (Zhu et al. 2020, section 2.4.1). Static boolean matrices define which regions and which sets of
+ghosts each region sees. The matrices are packed into bit masks that the neighbour search applies.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class AbstractDivision(eqx.Module):
 
     `region` gives a particle's region; the matrices define which regions see each other, which ghost sets a
     region sees, and which regions the interpolation nodes of a set may use. The paper's figure was not
-    available, so each division states its interpretation of the section.
+    available, so the description of each division states how the section was interpreted.
     """
 
     regions: eqx.AbstractClassVar[tuple[str, ...]]
@@ -69,7 +69,7 @@ class AbstractDivision(eqx.Module):
 
 
 class HorizontalDivision(AbstractDivision):
-    """Division (b), the default, into the water left of the plate, right of it, and below the tip."""
+    """Division (b), the default, into the water left of the plate, right of the plate, and below the tip."""
 
     regions: ClassVar[tuple[str, ...]] = ("left", "right", "below")
     water: ClassVar[tuple[str, ...]] = ("left below", "right below", "left right below")
@@ -277,10 +277,11 @@ class AbstractThinWall(eqx.Module):
 
 
 class RegionalGhosts(AbstractThinWall):
-    """Thin-wall ghosts by region, of full kernel depth behind each face (Zhu et al. 2020, section 2.4.1).
+    """Ghosts of a thin wall by region, as deep as the kernel's support behind each face (Zhu et al. 2020,
+    section 2.4.1).
 
     Only the water in front of a face sees the ghosts of that face. The ghosts may therefore lie in the plate,
-    in the water behind it and on top of each other, and the plate may be as thin as half a spacing.
+    in the water behind the plate and on top of each other, and the plate may be as thin as half a spacing.
     """
 
     division: AbstractDivision = HorizontalDivision()
@@ -290,7 +291,7 @@ class RegionalGhosts(AbstractThinWall):
         if plate.thickness < 0.45 * dx:
             raise ValueError(
                 f"wall_thickness = {plate.thickness:g} m is less than half a spacing (dx = {dx:g} m): "
-                "the particles below the tip would not see the plate; use dx of at most "
+                "the particles below the tip would not interact with the plate; use dx of at most "
                 f"{2 * plate.thickness:g} m"
             )
 
@@ -303,9 +304,9 @@ class RegionalGhosts(AbstractThinWall):
         """See `AbstractThinWall`."""
         if not plate.is_thin(dx, layers):
             return 1.0
-        # With the water's tangential velocity, the tip's few ghosts would stream out of the plate's sides.
-        # In the OWC at dx = 0.02 m this spurious flow created 0.2 J/m per period, four times the energy that
-        # is created without it.
+        # With the water's tangential velocity, the tip's few ghosts would stream out of the plate's sides. In
+        # the OWC at dx = 0.02 m this spurious flow created 0.2 J/m per period, four times the energy that is
+        # created without this flow.
         return 0.0
 
 

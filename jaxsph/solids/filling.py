@@ -30,7 +30,7 @@ from jaxsph.solids.brim import Brim
 class NodeFit(NamedTuple):
     """Coefficients of an interpolation that is exact for linear fields: sum_j w_j (a + b.r_j) f_j.
 
-    The weight w_j is V_j W; r_j goes from the node to the particle j, in smoothing lengths.
+    The weight w_j is V_j W; r_j is the vector from the node to the particle j, in smoothing lengths.
     """
 
     a: Float[Array, " G"]
@@ -77,10 +77,10 @@ class AbstractFilling(eqx.Module):
 class MirrorNodes(AbstractFilling):
     """Filling from a ghost's mirror image in the water (Zhu et al. 2020, section 2.3).
 
-    First-order moving least squares replace the Shepard sum of Eq. 18. They are exact for linear fields where
-    enough water is nearby. Wherever the kernel is truncated (at corners, at a plate's tip, at the surface),
-    the error of the Shepard sum is the field's gradient times the offset of the weighted centre. The Shepard
-    sum is used only where there is too little water to fit a gradient.
+    First-order moving least squares replace the Shepard sum of Eq. 18. The least squares are exact for linear
+    fields where enough water is nearby. Wherever the kernel is truncated (at corners, at a plate's tip, at
+    the surface), the error of the Shepard sum is the field's gradient times the offset of the weighted
+    centre. The Shepard sum is used only where there is too little water to fit a gradient.
     """
 
     least: ClassVar[float] = 0.05
@@ -107,8 +107,8 @@ class MirrorNodes(AbstractFilling):
         determinant, inverse = _flat_inverse(covariance)
         ratio = zeroth / brim.full
         # A fully supported Gaussian has a covariance of 1/2 per axis. A gradient would extrapolate noise if
-        # the determinant is below a tenth of this Gaussian's, or if the node is farther from the water's
-        # centre than the water is wide.
+        # the determinant is below a tenth of this Gaussian's determinant, or if the node is farther from the
+        # water's centre than the water is wide.
         slope = symmetric_product(inverse, mean)
         sound = (determinant > 0.1 * 0.5**dim) & (dot(slope, mean) < 1.5) & (ratio > 0.5)
         a = norm * (1.0 + jnp.where(sound, dot(slope, mean), 0.0))

@@ -46,7 +46,8 @@ class Plane(NamedTuple):
     at: float
     """Position along the axis, m."""
     side: float
-    """Side of the plane on which the water is: 1 towards larger coordinates, -1 towards smaller ones."""
+    """Side of the plane on which the water is: 1 towards larger coordinates, -1 towards smaller
+    coordinates."""
     moves: bool
     """Whether the wall is the paddle."""
     ends: tuple[tuple[int, float, float], ...]
@@ -83,8 +84,8 @@ class ImageSet(NamedTuple):
         """Positions (m) of the images of particles at x (m); `paddle`: see `Placed`.
 
         The reflection in the displaced paddle is the reflection in the paddle at rest, followed twice by the
-        paddle's displacement. This is exact for a translation normal to the paddle's face and for a rotation
-        about an axis in the face.
+        paddle's displacement. This construction is exact for a translation normal to the paddle's face and
+        for a rotation about an axis in the face.
         """
         for plane in self.planes:
             x = x.at[:, plane.axis].set(2.0 * plane.at - x[:, plane.axis])
@@ -107,7 +108,7 @@ class Images(eqx.Module):
     """
 
     sets: tuple[ImageSet, ...] = eqx.field(static=True, default=())
-    """Sets of images; sets with the paddle come first."""
+    """Sets of images; sets whose walls include the paddle come first."""
     dx: float = eqx.field(static=True, default=0.0)
     """Spacing, m."""
 

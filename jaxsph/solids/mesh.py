@@ -19,9 +19,9 @@ MARGIN = 4
 class Mesh(AbstractShape):
     """Shape inside a closed surface of triangles, given by the distances of grid points from the surface.
 
-    Between the points the distance is linear, so that a wall thinner than two grid intervals is not resolved
-    and sharp edges are rounded by about an interval. Outside the grid the distance is that of the nearest
-    point of the grid plus the distance from that point, an upper bound.
+    Between the points the distance is interpolated linearly, so that a wall thinner than two grid intervals
+    is not resolved and sharp edges are rounded by about an interval. Outside the grid, the distance is the
+    value at the nearest point of the grid plus the distance from that point. This sum is an upper bound.
     """
 
     away: Float[Array, "X Y Z"] = eqx.field(converter=plain_numbers)

@@ -26,7 +26,8 @@ LARGEST = 0.1
 """Largest displacement of a particle in an iteration, in spacings."""
 
 SETTLED = 2.0e-3
-"""Bound on the largest displacement in an iteration, in spacings; below it the packing has settled."""
+"""Bound on the largest displacement in an iteration, in spacings; below this bound the packing has
+settled."""
 
 USUAL = 60
 """Smallest number of iterations; a disc and a tilted box settle in 20 to 60. With the same number of
@@ -36,7 +37,8 @@ ITERATIONS = 300
 """Largest number of iterations."""
 
 ROUNDS = 4
-"""Number of rounds of settling and volume correction; a tenth of the volume error remains after them."""
+"""Number of rounds of settling and volume correction; a tenth of the volume error remains after these
+rounds."""
 
 SLACK = 0.5
 """Margin of the pair lists beyond the Gaussian's radius, in spacings."""

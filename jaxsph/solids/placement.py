@@ -102,7 +102,7 @@ def sliding_velocity(
         if velocity[axis]:
             raise ValueError(
                 f"sliding: the wall at end {end} of axis {axis} can only move along itself, but its velocity "
-                f"{velocity} m/s has a component along that axis: set it to 0"
+                f"{velocity} m/s has a component along that axis: set this component to 0"
             )
         behind = x[:, axis] > box.high[axis] if end else x[:, axis] < box.low[axis]
         u[behind] += np.asarray(velocity, float)

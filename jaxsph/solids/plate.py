@@ -13,10 +13,11 @@ from jaxsph.solids.shapes import AbstractShape, box_distance, plain_numbers
 
 
 class Plate(AbstractShape):
-    """Straight plate in the x-z plane, which may be thinner than the kernel.
+    """Straight plate in the x-z plane; it may be thinner than the kernel's support.
 
-    Each face has a separate set of dummy particles of full kernel depth, which only the water on that side
-    sees (Zhu et al. 2020, section 2.4.1). The water on one side does not see the water on the other.
+    Each face has a separate set of dummy particles, as deep as the kernel's support (Zhu et al. 2020, section
+    2.4.1). Only the water in front of a face sees the dummy particles of that face. The water on one side
+    does not see the water on the other side.
     """
 
     foot: Float[Array, "2"] = eqx.field(converter=plain_numbers)

@@ -41,8 +41,8 @@ FINE = 240
 class AbstractShape(eqx.Module):
     """Shape of a solid in its position at rest.
 
-    To define a shape, implement `distance` and `bounds`. All else follows from the surface, on which the
-    distance is zero: in the x-z plane from its outline, in three dimensions from sums over a grid. The
+    To define a shape, implement `distance` and `bounds`. All other quantities follow from the surface, where
+    the distance is zero: in the x-z plane from the outline, in three dimensions from sums over a grid. The
     numbers of a shape are leaves of the model.
     """
 
@@ -57,7 +57,7 @@ class AbstractShape(eqx.Module):
     def region(self) -> Any:
         """Area of the shape in the x-z plane, as a geometry of `shapely` with lengths in m.
 
-        In three dimensions it is the projection of the shape along y.
+        In three dimensions the area is the projection of the shape along y.
         """
         low, high = self.bounds()
         if len(low) == 3:
@@ -227,7 +227,10 @@ class Disc(AbstractBall):
     """Disc in the x-z plane, the cross-section of a circular cylinder."""
 
     def region(self):
-        """See `AbstractShape`. The area is a polygon with a thousand corners, for unions and differences."""
+        """See `AbstractShape`.
+
+        The region is approximated by a polygon with 1000 corners, which unions and differences require.
+        """
         angle = np.linspace(0.0, 2.0 * np.pi, 1000, endpoint=False)
         return shapely.Polygon(np.asarray(self.centre) + float(self.radius) * _circle(angle))
 

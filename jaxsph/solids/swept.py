@@ -26,8 +26,8 @@ class Extrusion(AbstractShape):
     """Prism: an outline that is swept along a coordinate axis."""
 
     outline: Float[Array, "K 2"] = eqx.field(converter=plain_numbers)
-    """Corners of the cross-section in order along its outline, m: the coordinates other than that along the
-    prism, in the order x, y, z."""
+    """Corners of the cross-section in order along its outline, m: the coordinates other than the coordinate
+    along the prism, in the order x, y, z."""
     ends: Float[Array, "2"] = eqx.field(converter=plain_numbers)
     """Lowest and highest coordinate along the prism, m."""
     axis: int = eqx.field(static=True, default=1)

@@ -1,4 +1,4 @@
-"""Ghost particles of all walls, and their pressure and velocity, computed from those of the water.
+"""Ghost particles of all walls, and their pressures and velocities, computed from the fields of the water.
 
 A ghost lies inside a wall. Either it is the mirror image of a particle near a plane wall, or its values are
 interpolated from the water at its node. The node is the ghost's mirror image in the water, or the ghost's own
@@ -62,9 +62,9 @@ AT_WALL = 1e-5
 class Ghosts(eqx.Module):
     """Ghost particles of all walls, their interpolation nodes, and the method that sets their fields.
 
-    The leaves (positions at rest, masks, mirror factors) stay constant in a run. `Model.walls_at` finds the
-    present positions of the ghosts of moving solids. The images of particles come first; in these arrays
-    the images lie on a lattice behind the walls and have no volume.
+    The leaves (positions at rest, masks, mirror factors) do not change in a run. `Model.walls_at` returns the
+    present positions of the ghosts of moving solids. The images of particles come first; in these arrays the
+    images lie on a lattice behind the walls and have no volume.
     """
 
     x: Float[Array, "G D"]
@@ -83,7 +83,7 @@ class Ghosts(eqx.Module):
     kind: Int[Array, " G"]
     """Kind bits, which determine the regions that see a ghost."""
     node_sees: Int[Array, " G"]
-    """Bits of the particles that the nodes use."""
+    """Bit mask, for each node, of the particles that the node uses."""
     regions: Regions
     """Regions of the water, with the particles and ghosts that each region sees."""
     paddle: tuple[int, ...] = eqx.field(static=True)
@@ -97,7 +97,7 @@ class Ghosts(eqx.Module):
     sliding: Float[Array, "G D"]
     """Velocity of walls that slide in their own plane, m/s; zero for other walls."""
     filling: AbstractFilling
-    """Method that computes the pressure and velocity of the ghosts from those of the water."""
+    """Method that computes the pressure and velocity of the ghosts from the fields of the water."""
     dummies: tuple[tuple[int, int], ...] = eqx.field(static=True)
     """Index of the first ghost, and of the ghost after the last, for every solid of dummy particles."""
     images: Images = eqx.field(default_factory=Images)
@@ -122,11 +122,12 @@ class Ghosts(eqx.Module):
         """Builds the ghosts of a tank and of the plates, platform and solids in it, on the host.
 
         **Arguments**: `dx`: spacing, m; `slip`: slip at the tank's walls and plates; `sliding`: velocities
-        (m/s) of walls that slide in their own plane, by (axis, 0 for the low or 1 for the high end), which
-        drag the water only with `NoSlip`; `platform`: a raised bed at the far end of a two-dimensional tank,
-        with lengths of whole spacings; `filling`: by default `MirrorImages`; `shapes`: solids in the water,
-        which need `DummyParticles`; `fixed_shapes`: further solids, which never move. The tank's ghosts
-        behind a fixed shape belong to the shape, so that the shape receives all of the water's force on it.
+        (m/s) of walls that slide in their own plane, by (axis, 0 for the low or 1 for the high end); these
+        walls drag the water only with `NoSlip`; `platform`: a raised bed at the far end of a two-dimensional
+        tank, with lengths of whole spacings; `filling`: by default `MirrorImages`; `shapes`: solids in the
+        water, which need `DummyParticles`; `fixed_shapes`: further solids, which never move. The tank's
+        ghosts behind a fixed shape belong to the shape, so that all of the water's force on the shape is
+        included.
         **Raises** ValueError if a plate is too thin, or a sliding wall, platform or shape is not allowed.
         """
         layers = int(np.ceil(float(smoothing.radius) / dx - 0.5))
@@ -392,7 +393,10 @@ def _in_the_tank(
 
 
 def _seen_by_nodes(ghosts: GhostSet, regions: Regions) -> np.ndarray:
-    """Bits of the particles that every node uses; the node's region sets them where `node_sees` is -1."""
+    """Bit mask, for each node, of the particles that the node uses.
+
+    Where `node_sees` is -1, this is the mask of the node's region.
+    """
     _, sees = region_bits(regions, ghosts.node)
     plain = sees & ((1 << regions.count) - 1)
     return np.where(ghosts.node_sees < 0, plain, ghosts.node_sees)

@@ -73,8 +73,8 @@ def coefficients(
     runs = SweepFile(runs_of(file.path).resolve())
     if file.path.exists() and not runs.path.exists():
         raise FileError(
-            f"{file.path}: exists, but the file of its runs, {runs.path.name}, does not, and nothing was "
-            "changed: give another name for the output, or remove the file"
+            f"{file.path} exists, but the file of its runs, {runs.path.name}, does not; nothing was changed. "
+            f"Give another name for the output, or remove {file.path.name}"
         )
     with only_study(runs.path):
         members, _ = run_missing(
@@ -107,7 +107,7 @@ def check_study(
     """Cases of all runs of a study (see `coefficients`).
 
     **Raises** CaseError if the periods are not distinct positive numbers, if the tank is unsuitable for
-    one of them, if a run is not possible, or if the file format does not allow these modes.
+    a period, if a run is not possible, or if the file format does not allow these modes.
     """
     try:
         found = np.asarray(periods, float)
@@ -157,7 +157,7 @@ class _Study(NamedTuple):
         return {name: at_rest(self.case, geometry, name, self.x) for name in names}
 
     def members(self) -> list[Case]:
-        """Cases of all runs; the last axis varies fastest. **Raises** CaseError if one cannot be run."""
+        """Cases of all runs; the last axis varies fastest. **Raises** CaseError if a case cannot be run."""
         found: list[Case] = []
         for T in map(float, self.periods):
             found += [forced(self.case, mode, T, self.forcing) for mode in self.modes]

@@ -19,11 +19,11 @@ def derivative(
     """Value of a result at the end of a run, and its slope with respect to one parameter.
 
     **Arguments**: `given`: a case, or a function that returns a `Problem`; `parameter`: the dotted name of a
-    number in the case, or an argument of the function; for `Exact` and `Filtered` the model must depend on it
-    smoothly; `of`: "xi", "P_owc" (W/m) or "energy_pto" (J/m from the start to t1); for an ensemble also any
-    result that the problem itself defines; `method`: `Exact()`, for runs of a fraction of a second;
-    `Filtered()`, one run over whole wave periods, with a bias; `Ensemble()` (the default), many runs, with a
-    standard error.
+    number in the case, or an argument of the function; for `Exact` and `Filtered` the model must depend
+    smoothly on this value; `of`: "xi", "P_owc" (W/m) or "energy_pto" (J/m from the start to t1); for an
+    ensemble also any result that the problem itself defines; `method`: `Exact()`, for runs of a fraction of a
+    second; `Filtered()`, one run over whole wave periods, with a bias; `Ensemble()` (the default), many runs,
+    with a standard error.
     **Raises** CaseError if the case or the method does not have the parameter or the result, DerivativeError
     if the slope would not describe the flow, SimulationError as `run`.
     """

@@ -54,7 +54,9 @@ class Ensemble(AbstractMethod):
         value = parameter_value(source, parameter)
         check_result(source.problem(), of)
         if value == 0.0:
-            raise CaseError(f"{parameter} = 0: must not be 0: an ensemble varies the value by relative steps")
+            raise CaseError(
+                f"{parameter} = 0: must not be 0, as an ensemble varies the value by relative steps"
+            )
         shares = self.spread * np.linspace(-1.0, 1.0, self.members)
         values = _as_built(source, parameter, [float(v) for v in value * (1.0 + shares)])
         value = float(source.built(parameter))
@@ -89,7 +91,7 @@ class Ensemble(AbstractMethod):
 def _as_built(source: Source, parameter: str, values: list[float]) -> list[float]:
     """Distinct values with which the members are built, after lengths are rounded to whole spacings.
 
-    **Raises** CaseError if fewer than four remain, because the error of the slope needs four.
+    **Raises** CaseError if fewer than four values remain, because the error of the slope needs four.
     """
     built = [float(source.replace({parameter: value}).built(parameter)) for value in values]
     different = list(dict.fromkeys(built))

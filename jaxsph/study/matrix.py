@@ -35,7 +35,7 @@ class ScatterTable:
     share: NDArray[np.float64]
     """Shares of the year (-), which sum to 1."""
     hours: float | None = None
-    """Hours that the table covers, h; None if it gives shares."""
+    """Hours that the table covers, h; None if the table gives shares."""
 
     @classmethod
     def read(cls, path: str | Path) -> ScatterTable:
@@ -49,10 +49,13 @@ class ScatterTable:
         kind = "share" if "share" in columns else "hours"
         weight = columns[kind]
         if np.any(weight < 0.0) or not np.sum(weight) > 0.0:
-            raise CaseError(f"{path}: {kind}: must not be negative, and at least one must be positive")
+            raise CaseError(
+                f"{path}: values of {kind} must not be negative, and at least one must be positive"
+            )
         if kind == "share" and abs(np.sum(weight) - 1.0) > 1e-3:
             raise CaseError(
-                f"{path}: the shares sum to {np.sum(weight):.4g}: must be 1; for hours, name the column hours"
+                f"{path}: the sum of the shares is {np.sum(weight):.4g}: must be 1; for hours, name the "
+                "column hours"
             )
         hours = float(np.sum(weight)) if kind == "hours" else None
         return cls(columns["Hs"], columns["Tp"], weight / np.sum(weight), hours)
@@ -64,7 +67,7 @@ class ScatterTable:
             outside = (values < np.min(axis) - 1e-9) | (values > np.max(axis) + 1e-9)
             if np.any(outside):
                 raise CaseError(
-                    f"the table has {name} = {values[outside][0]:g}: outside the matrix, which covers "
+                    f"the table has {name} = {values[outside][0]:g}, but the matrix covers only "
                     f"{np.min(axis):g} to {np.max(axis):g}"
                 )
 
@@ -103,7 +106,8 @@ class PowerMatrix:
         weight = self._weights(table)
         if np.any(~np.isfinite(self.P) & (weight > 0.0)):
             raise CaseError(
-                "the matrix has sea states whose runs failed: run it again, or remove them from the table"
+                "the matrix has sea states whose runs failed: run the matrix again, or remove these sea "
+                "states from the table"
             )
         P, error = (np.where(weight > 0.0, a, 0.0) for a in (self.P, self.error))
         return Mean(float(np.sum(weight * P)), float(np.sqrt(np.sum((weight * error) ** 2))))
@@ -155,7 +159,7 @@ def power_matrix(
     state is not possible in the tank.
     """
     if not isinstance(case, Case) or case.waves is None or case.waves.kind != "irregular":
-        raise CaseError('a power matrix needs waves.kind = "irregular": it varies waves.Hs, Tp and seed')
+        raise CaseError('a power matrix needs waves.kind = "irregular", as it varies waves.Hs, Tp and seed')
     if not 1 <= seeds <= MOST_MEMBERS:
         raise CaseError(f"seeds = {seeds}: must be from 1 to {MOST_MEMBERS}")
     axes = {"Hs": np.asarray(Hs, float), "Tp": np.asarray(Tp, float)}

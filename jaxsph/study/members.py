@@ -58,7 +58,7 @@ def check_members(sources: Sequence[Source], folder: Path) -> None:
             _stage(run, sources[i])
         else:
             raise FileError(
-                f"{run}: is a member of another sweep, and nothing was changed; give another name for the "
+                f"{run} is a member of another sweep, and nothing was changed; give another name for the "
                 f"output, or remove {folder}"
             )
 
@@ -134,7 +134,7 @@ def run_member(source: Source, stem: Path) -> Ended:
     if not stem.parent.is_dir():
         raise FileError(
             f"{stem.parent}: the worker on {socket.gethostname()} cannot see this folder; give the sweep an "
-            "output on a disk that all its workers share"
+            "output on a disk that all workers share"
         )
     run, log = (stem.with_suffix(suffix) for suffix in (".h5", ".log"))
     status = 0
@@ -205,7 +205,8 @@ def _claim(path: Path) -> Iterator[_Claim]:
     yield claim
     if not claim.holds():
         raise FileError(
-            f"{path.with_suffix('')}: was given up, because another worker claimed it or the sweep ended"
+            f"{path.with_suffix('')}: this member was abandoned, because another worker claimed it or "
+            "the sweep ended"
         )
     path.unlink(missing_ok=True)
 

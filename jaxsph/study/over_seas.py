@@ -25,7 +25,7 @@ class OverSeas(AbstractMethod):
     method: AbstractMethod = Ensemble(members=5)
     """Method for the slope in one sea."""
     out: Path | None = None
-    """Path from which the names of the seas' files are made; None stores no files."""
+    """Path from which the files of the seas are named; None stores no files."""
 
     def kept(self, path):
         """See `AbstractMethod.kept`."""
@@ -35,7 +35,9 @@ class OverSeas(AbstractMethod):
         """See `AbstractMethod.derivative`."""
         waves = getattr(source, "waves", None)
         if waves is None or waves.kind != "irregular":
-            raise CaseError('a scatter table needs waves.kind = "irregular": it sets Hs and Tp of the waves')
+            raise CaseError(
+                'a scatter table needs waves.kind = "irregular", as it sets Hs and Tp of the waves'
+            )
         if of != "P_owc":
             raise CaseError(f"of = {of!r}: over a scatter table it must be 'P_owc', the mean power")
         found: list[tuple[float, Derivative]] = []

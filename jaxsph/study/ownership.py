@@ -30,7 +30,7 @@ _guard = threading.Lock()
 def refuse_other(
     path: Path, what: str, stored: Mapping[str, Any], given: Mapping[str, Any], remove: Path | None = None
 ) -> None:
-    """**Raises** FileError, naming what differs, if the study stored at a path is not the one given.
+    """**Raises** FileError, naming what differs, if the study stored at a path differs from the given study.
 
     `what`: the stored study in words; `remove`: path that the message suggests removing, by default `path`.
     """
@@ -43,8 +43,8 @@ def refuse_other(
         few = ", ".join(differing[:_FEW])
         more = f" and {len(differing) - _FEW} more" if len(differing) > _FEW else ""
         raise FileError(
-            f"{path}: contains {what}, and nothing was changed. It differs in {few}{more}. Give another name "
-            f"for the output, or remove {remove or path}"
+            f"{path} contains {what}, and nothing was changed. The study differs in {few}{more}. Give "
+            f"another name for the output, or remove {remove or path}"
         )
 
 

@@ -56,7 +56,7 @@ class Sweep:
     def __getitem__(self, name: str) -> np.ndarray:
         """Scalar result `name` over the members."""
         if name not in self.results:
-            raise KeyError(f"no result {name!r}; there are {', '.join(sorted(self.results))}")
+            raise KeyError(f"no result {name!r}; the results are {', '.join(sorted(self.results))}")
         return self.results[name]
 
 
@@ -85,8 +85,8 @@ def sweep(
     needs 1.3 times as much time in a batch as alone (`python -m experiments run bench_batch`), so batches are
     the default on an accelerator only. `executor`: instead of `workers` and `batch`, any executor with the
     interface of `concurrent.futures`, such as Dask's `client.get_executor(pure=False)`. Its workers must see
-    the folder of `out` and the file that defines a function. If a worker is lost, another one continues its
-    member from the last checkpoint. The executor is not shut down.
+    the folder of `out` and the file that defines a function. If a worker is lost, another worker continues
+    the member from the last checkpoint. The executor is not shut down.
     **Returns** all results. A failed member does not stop the others: see `Sweep.failures`.
     **Raises** CaseError if a member cannot be built or values are not numbers, before any member runs;
     FileError if `out`, or a member in `<out>.members`, belongs to another sweep, or if another process runs a

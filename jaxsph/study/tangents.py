@@ -102,10 +102,10 @@ class _ThroughLoop(AbstractMethod):
 class Exact(_ThroughLoop):
     """Exact derivative of the discrete program, propagated through every step.
 
-    As long as the slopes of neighbouring particles agree, it is the derivative of the flow. Within a fraction
-    of a second it becomes the derivative of chaotic particle paths, which is valid only for smaller and
-    smaller changes. The run stops when, by these slopes, a relative change `least` of the parameter would
-    move neighbours by a tenth of a spacing relative to each other.
+    As long as the slopes of neighbouring particles agree, this derivative is that of the flow. Within a
+    fraction of a second it becomes the derivative of chaotic particle paths, which is valid only for smaller
+    and smaller changes. The run stops when, according to these slopes, a relative change `least` of the
+    parameter would move neighbours by a tenth of a spacing relative to each other.
     """
 
     least: float = eqx.field(static=True, default=0.01)
@@ -249,7 +249,8 @@ def _check_smooth(parameter: str, here: list, ahead: list, behind: list) -> None
 def grain(x: np.ndarray, dx: np.ndarray, spacing: float) -> float:
     """Root mean square difference (m) of a field `[N, D]` from linear fits in cells of four spacings.
 
-    It is near zero for a smooth flow field, and as large as the field itself if neighbours are uncorrelated.
+    The difference is near zero for a smooth flow field, and as large as the field itself if neighbours are
+    uncorrelated.
     """
     cells = np.unique(np.floor(x / (4 * spacing)).astype(int), axis=0, return_inverse=True)[1].ravel()
     rest = 0.0

@@ -1,8 +1,8 @@
 """Active absorption of reflected waves by a piston wavemaker, Eq. 23 of Zhu et al. (2020).
 
-SI units. x is measured from the paddle's rest position, positive into the tank, and so is the displacement X
-of the paddle. A paddle velocity U = (omega / Phi) eta generates the progressive elevation eta, with Phi from
-`theory.biesel`.
+SI units. The position x and the displacement X of the paddle are measured from the paddle's rest position,
+positive into the tank. A paddle velocity U = (omega / Phi) eta generates the progressive elevation eta, with
+Phi from `theory.biesel`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from jaxsph.waves.base import AbstractWaves
 
 
 class ActiveAbsorption(eqx.Module):
-    """Active absorption: a piston that makes the target waves and absorbs reflected ones, Eq. 23.
+    """Active absorption: a piston that generates the target waves and absorbs reflected waves, Eq. 23.
 
     Eq. 23, U = (omega / Phi)(2 eta - eta_sph), is feed-forward plus feedback,
     (omega / Phi) eta + (omega / Phi)(eta - eta_sph). Here the feed-forward is the
@@ -26,11 +26,11 @@ class ActiveAbsorption(eqx.Module):
         U = U_target + gain (omega / Phi)(eta_gauge - eta_sph) - drift_rate (X - X_target)
         eta_gauge = eta_progressive(distance, t) + near_field X_1(t)
 
-    The defaults give Eq. 23 as printed. A gauge a few smoothing lengths h away lags the
-    paddle by k * distance and measures the piston's evanescent modes. Eq. 23 as printed
-    treats the lag and these modes as a reflection; `at_gauge` allows for them. The near field is computed
-    from the TARGET displacement X_1. With the actual displacement X, a slow drift would amplify
-    itself at the rate gain * near_field * omega / Phi, although a slow paddle has no near field.
+    The defaults give Eq. 23 as printed. A gauge a few smoothing lengths h away lags the paddle by
+    k * distance and measures the piston's evanescent modes. With Eq. 23 as printed, the lag and these modes
+    act like a reflection; `at_gauge` corrects for the lag and the modes. The near field is computed from the
+    TARGET displacement X_1. With the actual displacement X, a slow drift would amplify itself at the rate
+    gain * near_field * omega / Phi, although a slow paddle has no near field.
 
     A constant error of the gauge moves the paddle until the displaced water compensates for the
     error (closed tank), or until drift_rate stops it at an offset of

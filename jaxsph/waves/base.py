@@ -1,8 +1,8 @@
 """Common interface of the waves that a wavemaker generates: regular waves and seas of many waves.
 
-SI units. x is measured from the paddle's rest position, positive into the tank, and so is the displacement X
-of the paddle. A paddle velocity U = (omega / Phi) eta generates the progressive elevation eta, with Phi from
-`biesel`.
+SI units. The position x and the displacement X of the paddle are measured from the paddle's rest position,
+positive into the tank. A paddle velocity U = (omega / Phi) eta generates the progressive elevation eta, with
+Phi from `biesel`.
 """
 
 import abc
@@ -92,7 +92,7 @@ class AbstractWaves(eqx.Module):
 def ramp_factor(t: Float[Array, "..."], ramp: Scalar) -> Float[Array, "..."]:
     """Start-up factor at t (s), 0 to 1 (-): 10 s^3 - 15 s^4 + 6 s^5 with s = t / `ramp`, `ramp` in s.
 
-    Its first two derivatives vanish at both ends, so that the acceleration has no jump.
+    The first two derivatives of the factor vanish at both ends, so that the acceleration has no jump.
     """
     # A ramp of 0 gives s = 1 at once; the length of 1 keeps the derivative finite.
     length = jnp.where(ramp > 0.0, ramp, 1.0)

@@ -92,7 +92,7 @@ APART = 2.0
 panel's edge ends (-). On the free surface the distance from the sides of hulls is used instead, because waves
 over a submerged hull are shorter."""
 UPRIGHT = 6
-"""Number of panels of equal length at a radiating end; they resolve the evanescent modes."""
+"""Number of panels of equal length at a radiating end; these panels resolve the evanescent modes."""
 
 
 def _divided(section: Section, k: float, resolution: Resolution) -> list[list[Panel]]:

@@ -1,8 +1,8 @@
 """Waves over the plan of a basin: long-crested waves in any direction, and directional seas.
 
 SI units. x is measured from the wavemaker's rest position, positive into the basin; y is measured across the
-basin, and z is the height above the bed. Directions (rad) are those towards which waves travel, measured from
-the x axis towards the y axis. Phases refer to the middle of the wavemaker.
+basin, and z is the height above the bed. Directions (rad) are the directions towards which waves travel,
+measured from the x axis towards the y axis. Phases refer to the middle of the wavemaker.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class AbstractWaveField(eqx.Module):
 class LongCrestedWaves(AbstractWaveField):
     """Long-crested waves that travel in one direction: the waves of a flume, turned about the vertical axis.
 
-    The order of the theory is that of the flume's waves.
+    The theory has the order of the flume's waves.
     """
 
     waves: AbstractWaves
@@ -62,6 +62,9 @@ class LongCrestedWaves(AbstractWaveField):
     direction: Scalar
     """Direction of the waves, rad."""
     middle: Scalar
+    lengthening: Scalar = eqx.field(converter=real, default=1.0)
+    """Ratio of the actual wavelength to the length of `waves` (-); higher waves are longer than linear waves.
+    Over several wavelengths zones with waves of another length would run out of phase with the water."""
 
     def elevation(self, x, y, t):
         """See `AbstractWaveField.elevation`."""
@@ -69,18 +72,22 @@ class LongCrestedWaves(AbstractWaveField):
 
     def mean_displacement(self, y, t):
         """See `AbstractWaveField.mean_displacement`."""
-        return self._start(t) * jnp.cos(self.direction) * self.waves.mean_displacement(t, self._along(0.0, y))
+        shift = self.lengthening * self.waves.mean_displacement(t, self._along(0.0, y))
+        return self._start(t) * jnp.cos(self.direction) * shift
 
     def velocity(self, x, y, z, t):
         """See `AbstractWaveField.velocity`."""
         s = self._along(x[:, None], y)
         along, up = self._start(t) * self.waves.velocity(s.ravel(), z, t)
+        along = self.lengthening * along  # longer waves of the same elevation carry more water
         cos, sin = jnp.cos(self.direction), jnp.sin(self.direction)
         return jnp.stack([cos * along, sin * along, up]).reshape(3, *s.shape, len(z))
 
     def _along(self, x, y):
-        """Distance along the waves' direction from the middle of the wavemaker, m."""
-        return x * jnp.cos(self.direction) + (y - self.middle) * jnp.sin(self.direction)
+        """Position in `waves` of the points x, y (m), m: their distance from the middle of the wavemaker along
+        the waves' direction, divided by `lengthening`."""
+        distance = x * jnp.cos(self.direction) + (y - self.middle) * jnp.sin(self.direction)
+        return distance / self.lengthening
 
     def _start(self, t):
         """Start-up factor over one period, 0 to 1 (-).

@@ -141,8 +141,9 @@ def linear_motion(water: Hydrodynamics, bodies: SmallMotion, H: float) -> Linear
     hulls, chambers = len(water.excitation), len(water.scattered_flow)
     if bodies.jacobian.shape[0] != hulls or len(bodies.chambers) != chambers or not H > 0.0:
         raise ValueError(
-            f"the section has {hulls} motions and {chambers} chambers, but jacobian has "
-            f"{bodies.jacobian.shape[0]} rows and there are {len(bodies.chambers)} chambers; H = {H}"
+            f"jacobian has {bodies.jacobian.shape[0]} rows and chambers has {len(bodies.chambers)} entries "
+            f"for a section of {hulls} motions and {chambers} chambers: these numbers must be equal, "
+            f"and H = {H} must be positive"
         )
     ways = np.reshape([one.way for one in bodies.dampings], (len(bodies.dampings), len(bodies.mass)))
     sizes = np.full(len(ways) + chambers, 0.1 * H * water.omega)

@@ -53,7 +53,7 @@ class LinearOWC:
     water: RadiationAndScattering
     """Radiation and scattering at the waves' frequency."""
     H: NDArray
-    """Incident wave height, m; the amplitude is half of it."""
+    """Incident wave height, m; the amplitude is half of the height."""
     K_dm: NDArray
     """Damping coefficient K_dm of the quadratic law, kg^0.5 m^-2.5."""
     Lambda: NDArray

@@ -142,7 +142,7 @@ def integrated_sea_response(
     turns = omega * duration / (2.0 * np.pi)
     index = np.round(turns).astype(int)
     if np.max(np.abs(turns - index)) > 1e-6:
-        raise ValueError(f"duration = {duration:g} s: the sea does not repeat after this time")
+        raise ValueError(f"the sea does not repeat after duration = {duration:g} s")
     linear = linear_sea_response(geometry, amplitude, omega, K_dm, rho0, g)
     last = _HARMONICS * int(index.max())
     every = 2.0 * np.pi * np.arange(last + 1) / duration
@@ -152,7 +152,7 @@ def integrated_sea_response(
     Z = np.zeros(last + 1, complex)
     Z[1:] = _of_frequency(geometry, every[1:], g)[1] / rho0
     resistance = linear.P_owc / max(linear.sigma_q**2, 1e-300)
-    n = 4 * last  # samples per repetition; so many because the spectrum of |q| q is unbounded
+    n = 4 * last  # many samples per repetition, because the spectrum of |q| q is unbounded
 
     def in_time(a: NDArray[Any]) -> Real:
         return np.fft.irfft(np.conj(a), n) * n / 2.0  # for exp(-i omega t); rfft gives n/2 times amplitudes
@@ -187,7 +187,7 @@ def _water(
     geometry: ChamberGeometry, amplitude: Complex, omega: Real, rho0: float, g: float, K_dm: float
 ) -> _Water:
     if not K_dm >= 0.0:
-        raise ValueError(f"K_dm = {K_dm}: must not be negative")
+        raise ValueError(f"K_dm = {K_dm} must not be negative")
     q_S, Z = _of_frequency(geometry, omega, g)
     speed = np.asarray(theory.group_velocity(omega, geometry.depth, g), float)
     return _Water(
@@ -202,7 +202,8 @@ def _water(
 def _of_frequency(geometry: ChamberGeometry, omega: Real, g: float) -> tuple[Complex, Complex]:
     """Flow of the open chamber per metre of amplitude (m/s), and rho0 times the admittance (s).
 
-    Both vary smoothly. For more than `_NODES` frequencies, splines through `_NODES` frequencies give both.
+    Flow and admittance vary smoothly. For more than `_NODES` frequencies, both are interpolated by splines
+    through `_NODES` frequencies.
     """
     if len(omega) <= _NODES:
         exact = [radiation_and_scattering(geometry, float(w), g) for w in omega]

@@ -57,7 +57,7 @@ exp(-20) between the nearest hull and the end."""
 class Hydrodynamics:
     """Radiation and diffraction of waves by a section at one frequency.
 
-    The m generalised motions are surge, heave and pitch of the first hull, then those of the second and so
+    The m generalised motions are surge, heave and pitch of the first hull, then of the second hull, and so
     on; the c chambers are in the order of the section. All forces and flows are per metre of width.
     """
 
@@ -111,7 +111,7 @@ def hydrodynamics(
     """Radiation and diffraction of waves by a section at the angular frequency `omega` (rad/s, > 0).
 
     A call takes a few tenths of a second; results are cached. `rho`: density, kg/m3; `g`: gravity, m/s2.
-    **Raises** ValueError if a number is not positive, and as `waves.section.edges` does.
+    **Raises** ValueError if a number is not positive, and in the cases given at `waves.section.edges`.
     """
     if not (omega > 0.0 and rho > 0.0 and g > 0.0):
         raise ValueError(f"omega = {omega}, rho = {rho} and g = {g} must be positive")

@@ -75,7 +75,7 @@ class ChamberGeometry:
         if not (self.depth > 0.0 and self.length > 0.0 and self.thickness >= 0.0):
             raise ValueError(f"{self}: depth and length must be positive, thickness not negative")
         if not 0.0 < self.draught < self.depth:
-            raise ValueError(f"draught = {self.draught:g} m: must be between 0 and {self.depth:g} m")
+            raise ValueError(f"draught = {self.draught:g} m must be between 0 and {self.depth:g} m")
 
     @property
     def gap(self) -> float:

@@ -1,11 +1,11 @@
 """Second-order wavemaker theory of a piston for any number of waves, after Schaeffer (1996); host numpy.
 
 H. A. Schaeffer, Second-order wavemaker theory for irregular waves, Ocean Engineering 23 (1996) 47-88, solved
-here for a piston by projection on the free wave. Two first-order modes p and q (progressive or evanescent,
-of one or two of the waves) force a bound wave of frequency Omega = omega_p + omega_q or omega_p - omega_q
-and wavenumber K. The bound wave and the first-order error of the condition at the displaced wall, X1 phi1_xx,
+here for a piston by projection on the free wave. Two first-order modes p and q (progressive or evanescent, of
+one or two of the waves) force a bound wave of frequency Omega = omega_p + omega_q or omega_p - omega_q and
+wavenumber K. The bound wave and the first-order error of the condition at the displaced wall, X1 phi1_xx,
 would generate a free wave of that frequency. The second-order displacement generates the same free wave with
-opposite sign and so cancels it.
+opposite sign, so that no free wave remains.
 
 Waves have the factor exp(i (omega t - k x)), z = 0 is the still water level, and an evanescent mode has an
 imaginary wavenumber k = -i kappa. For a difference frequency the second mode is replaced by its conjugate:

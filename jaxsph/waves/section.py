@@ -83,7 +83,7 @@ class Section:
         object.__setattr__(self, "hulls", tuple(self.hulls))
         object.__setattr__(self, "chambers", tuple(self.chambers))
         if not self.depth > 0.0:
-            raise ValueError(f"depth = {self.depth} m: must be positive")
+            raise ValueError(f"depth = {self.depth} m must be positive")
         names = [one.name for one in (*self.hulls, *self.chambers)]
         if not names:
             raise ValueError("a section needs a hull or a chamber")
@@ -100,7 +100,7 @@ class Section:
 
     @property
     def walls(self) -> tuple[float, ...]:
-        """x of the end wall, m; empty without one."""
+        """x of the end wall, m; empty without an end wall."""
         return (float(self.end_wall),) if isinstance(self.end_wall, int | float) else ()
 
     @property
@@ -161,7 +161,7 @@ def edges(section: Section) -> list[Edge]:
         if abs(wet - (one.last - one.first)) > 1e-3 * (one.last - one.first):
             raise ValueError(
                 f"chamber {one.name}: only {wet:.4g} m of the {one.last - one.first:.4g} m from "
-                f"{one.first:g} to {one.last:g} m are a free surface; the rest is inside a hull"
+                f"{one.first:g} to {one.last:g} m are a free surface; the remainder is inside a hull"
             )
     return found
 

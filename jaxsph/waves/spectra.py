@@ -108,9 +108,10 @@ def draw_group(
 def spread_directions(count: int, exponent: float, seed: int, within: tuple[float, float]) -> Real:
     """Directions (rad) of `count` waves about their mean direction, in random order.
 
-    Their density is proportional to cos^2s(theta/2) with the `exponent` s (Longuet-Higgins, Cartwright and
-    Smith 1963), between the two limits `within`. The directions are the quantiles of this distribution, and
-    only their order is random, so that even a sea of few waves has the correct mean and spread.
+    The density of the directions is proportional to cos^2s(theta/2) with the `exponent` s (Longuet-Higgins,
+    Cartwright and Smith 1963), between the two limits `within`. The directions are the quantiles of this
+    distribution, and only their order is random, so that even a sea of few waves has the correct mean and
+    spread.
     """
     theta, share = _spread(exponent, within)
     found = np.interp((np.arange(count) + 0.5) / count, share / share[-1], theta)

@@ -148,8 +148,9 @@ def stokes2_elevation(
 ) -> Float[Array, "..."]:
     """Elevation eta of a second-order Stokes wave travelling along +x, m.
 
-    `x` (m) and `t` (s) broadcast; a crest is at x = 0, t = 0. The wavenumber is that of linear waves,
-    which is consistent to second order. Over many wavelengths use `stokes3_wavenumber` and `stokes2_profile`.
+    `x` (m) and `t` (s) broadcast; a crest is at x = 0, t = 0. The wavenumber is the wavenumber of linear
+    waves; this is consistent to second order. Over many wavelengths use `stokes3_wavenumber` and
+    `stokes2_profile`.
     """
     omega = 2.0 * jnp.pi / real(T)
     k = wavenumber(omega, d, g)

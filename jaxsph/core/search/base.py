@@ -1,9 +1,9 @@
 """Interface of a neighbour search, which makes slot-major tables `[K, N]` of source indices from positions.
 
 A search finds all sources within its radius around every target. Near a thin wall, bit masks select the
-sources that a target sees: a target sees a source if their masks share a bit. Tables are allocated on the
-host, with the same number of slots for every target. The tables keep that shape inside the time loop, which
-reports an overflow if a table is too small.
+sources that a target sees: a target sees a source if the masks of target and source share a bit. Tables are
+allocated on the host, with the same number of slots for every target. The tables keep that shape inside the
+time loop, which reports an overflow if a table is too small.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ than three lines of cells of the full radius."""
 SPREADING = 1.3
 """Safety factor (-) on the largest number of points near the water of one slab, which sets `Slabs.points`.
 
-As the water spreads, more points are near it, and every change of `Slabs.points` recompiles the step.
+As the water spreads, more points are near the water, and every change of `Slabs.points` recompiles the step.
 """
 SPREADS_ON = 2.0
 """Safety factor (-) that replaces `SPREADING` after more than `Slabs.points` points have been near the water
@@ -108,7 +108,7 @@ class AbstractSearch(eqx.Module):
 
     @abc.abstractmethod
     def grown(self) -> AbstractSearch:
-        """The same search with a quarter more space in all its allocations except the tables."""
+        """The same search with a quarter more space in all allocations except the tables."""
 
 
 def needed_capacity(most: int, spare: float = SPARE) -> int:

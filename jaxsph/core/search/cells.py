@@ -184,7 +184,7 @@ def _search(
             near = (first + c < end) & (r2 < radius2) & ((sees & kinds[k]) != 0)
             if same:
                 near &= j != me
-            # Every candidate, near or not, is written to the next free slot. If it is not near, it is
+            # Every candidate, near or not, is written to the next free slot. A candidate that is not near is
             # overwritten by the next candidate, or cleared below. A spare last slot receives the excess.
             slot = jnp.minimum(count, capacity)
             return put(rows, slot, j), count + near.astype(jnp.int32)

@@ -3,8 +3,8 @@ the extra `jaxsph[jax-md]`.
 
 jax-md lists the neighbours of every particle within one set of particles. jax-md has no masks, and wraps
 coordinates around at the sides of a box. Here targets and sources are therefore searched as one set, in a box
-wider than the region of the particles, and sources that a target may not see are removed from the target's
-list afterwards. The slots are in the order of the sources' indices.
+wider than the region of the particles. Sources with which a target must not interact are then removed from
+the target's list. The slots are in the order of the sources' indices.
 """
 
 from __future__ import annotations

@@ -161,8 +161,11 @@ def _with_halo(slabs: Slabs, x: Components, kind: Int[Array, " n"]) -> Seen:
 
 
 def _halo(slabs: Slabs, grid: Grid, x: Float[Array, "n D"], n: int) -> Int[Array, ""]:
-    """Number of a slab's particles, at x (m), that an adjacent slab may see. If the adjacent slab may see all
-    particles of this slab, it may also see the slab beyond, and the result is `NARROW`."""
+    """Number of a slab's particles, at x (m), that are within reach of an adjacent slab.
+
+    `NARROW` if all particles of this slab are within reach of the adjacent slab: its reach may then extend
+    past this slab.
+    """
     cell = cell_index(x, grid)[:, 0]
     first = jax.lax.all_gather(cell[0], AXIS)
     here = jax.lax.axis_index(AXIS)
@@ -188,8 +191,8 @@ def _in_slab(
 
 
 def beside(x: Float[Array, "M D"], points: Float[Array, "P D"], grid: Grid) -> Bool[Array, " P"]:
-    """Whether each of the points (m) is near enough to the particles at x (m) to see any of them. Points at
-    the walls of an empty part of a tank, for example, are not near enough."""
+    """Whether each of the points (m) is near enough to the particles at x (m) to see at least one particle.
+    Points at the walls of an empty part of a tank, for example, are not near enough."""
     full = jnp.zeros(int(np.prod(grid.shape)), bool).at[cell_key(x, grid)].set(True).reshape(grid.shape)
     for axis in range(len(grid.shape)):
         around = full
