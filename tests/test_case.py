@@ -209,7 +209,7 @@ SQUARE = [[0.3, 0.3], [0.7, 0.3], [0.7, 0.7], [0.3, 0.7]]
             r"body.polygon is everywhere thinner than a spacing",
         ),
         ({"body": {"polygon": [[0.1, 0.2], [0.5, 0.2], [0.9, 0.2]]}}, r"body.polygon: "),
-        ({"body": {"block": {"low": [0.3, 0.3], "high": [0.7, 0.31]}}}, r"body.block: is 0.01 m thick"),
+        ({"body": {"block": {"low": [0.3, 0.3], "high": [0.7, 0.31]}}}, r"body.block is 0.01 m thick"),
         (
             {"body": {"disc": {"centre": [0.5, 0.5], "radius": 0.04}}},
             r"body.disc.radius = 0.04 m: .*half",

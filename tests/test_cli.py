@@ -394,7 +394,7 @@ def test_sweep_runs_a_grid_and_says_what_failed(calls, monkeypatch, tmp_path):
     alone = _jaxsph("sweep", "owc", "--grid", "pto.K_dm=300", "--scheduler", "tcp://127.0.0.1:9")
     assert alone.exit_code == 2 and "no Dask scheduler answers there" in alone.stderr
     both = _jaxsph("sweep", "owc", "--grid", "t1=1,2", "--t1", 2)
-    assert both.exit_code == 2 and "--t1: is one of the parameters" in both.stderr
+    assert both.exit_code == 2 and "--t1: t1 is also a parameter" in both.stderr
     bad = _jaxsph("sweep", "owc", "--grid", "pto.K_dm=a")
     assert bad.exit_code == 2 and "KEY=FIRST:LAST:COUNT" in bad.stderr
 

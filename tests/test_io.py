@@ -545,7 +545,7 @@ def test_damage_is_not_sealed_by_the_next_chunk(run):
     run.fold()
     with h5py.File(run.path, "r+") as file:
         file.attrs["case"] = CASE.replace("0.1", "0.2")
-    with pytest.raises(FileError, match="damaged .*another program may have changed it"):
+    with pytest.raises(FileError, match="damaged .*another program may have changed the file"):
         _append(run, 3)
     with pytest.raises(FileError, match="damaged"):
         _ = run.case_toml

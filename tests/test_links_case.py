@@ -57,7 +57,7 @@ def test_a_name_of_a_body_and_a_link_at_once_is_refused():
     [
         (
             {"body": BODY | {"pto": {"damping": 1.0}}, "link": {"pto": HEAVE}},
-            "link.pto and body.pto: have the same",
+            "link.pto and body.pto have the same",
         ),
         ({"body": BODY, "link": {"projection": HEAVE}}, "link.projection: the names .* are reserved"),
         ({"bodies": {"tank": BODY}}, "bodies.tank: the names .* are reserved"),

@@ -139,7 +139,7 @@ def test_parts_that_do_not_fit_are_refused(tank):
         tank.with_parts(damper=[sponge])
     with pytest.raises(CaseError, match="parts share the names sponge"):
         tank.with_parts(dampers=[sponge, sponge])
-    with pytest.raises(CaseError, match="scheme: stable with time steps up to .* shorter time steps"):
+    with pytest.raises(CaseError, match="the scheme is stable with time steps up to .* shorter time steps"):
         tank.with_parts(scheme=js.DeltaSPH.of(0.1, 100.0))
     pull, ball = (
         js.CentralForce(jnp.float32(1.0), jnp.zeros(2)),

@@ -96,7 +96,7 @@ def test_a_plate_s_dummies_go_on_where_it_is_held(model):
     "changes, message",
     [
         ({"solid.screen.plate.thickness": 0.01}, "solid.screen.plate.thickness = 0.01 m is less than half"),
-        ({"solid.screen.plate.head": [0.62, 0.22]}, "solid.screen.plate: is 0.02828 m long"),
+        ({"solid.screen.plate.head": [0.62, 0.22]}, "solid.screen.plate is 0.02828 m long"),
         ({"solid.screen.plate.head": [1.7, 0.4]}, "solid.screen extends outside the tank"),
         (
             {"solid.screen.disc": {"centre": [1.0, 0.2], "radius": 0.1}},

@@ -41,7 +41,7 @@ TANK = js.Case.from_dict(
         ({"solid.bed.disc": {"centre": [1.0, 0.2], "radius": 0.1}}, "solid.bed: give exactly one of block"),
         (
             {"solid.step.block": {"low": [1.0, 0.0], "high": [1.2, 0.2]}},
-            "solid.bed and solid.step: have .* m2",
+            "solid.bed and solid.step have .* m2",
         ),
         ({"solid.step.block": {"low": [0.2, 0.0], "high": [0.4, 0.0]}}, "must be below"),
         (
@@ -52,7 +52,7 @@ TANK = js.Case.from_dict(
             {"solid.step.block": {"low": [0.2, 0.0, 0.0], "high": [0.4, 0.2, 0.2]}},
             "solid.step: .* 3 dimensions",
         ),
-        ({"solid.step.block": {"low": [0.2, 0.0], "high": [0.21, 0.2]}}, "solid.step.block: is 0.01 m thick"),
+        ({"solid.step.block": {"low": [0.2, 0.0], "high": [0.21, 0.2]}}, "solid.step.block is 0.01 m thick"),
         (
             {"solid.bed.block": {"low": [0.0, 0.0], "high": [2.0, 0.6]}, "solid.bed.polygon": None},
             "no water in it",

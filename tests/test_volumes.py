@@ -192,10 +192,10 @@ def test_spheres_beside_each_other_do_not_overlap():
         ({"body": BUOY | {"sphere": {"centre": [1.1, 0.4, 0.5], "radius": 0.15}}}, "body extends outside"),
         ({"body": BUOY | {"sphere": {"centre": [0.6, 0.4], "radius": 0.15}}}, "body.sphere.centre"),
         ({"body": BUOY | {"disc": {"centre": [0.6, 0.5], "radius": 0.1}}}, "give exactly one of"),
-        ({"body": {"disc": {"centre": [0.6, 0.5], "radius": 0.1}}}, "2 dimensions, and the tank has 3"),
+        ({"body": {"disc": {"centre": [0.6, 0.5], "radius": 0.1}}}, "2 dimensions, but the tank has 3"),
         (
             {"solid": {"post": POST}, "tank": {"length": 1.2, "depth": 0.5}},
-            "3 dimensions, and the tank has 2",
+            "3 dimensions, but the tank has 2",
         ),
         (
             {"solid": {"post": {"cylinder": POST["cylinder"] | {"head": [0.3, 0.4, 0.0]}}}},
@@ -203,7 +203,7 @@ def test_spheres_beside_each_other_do_not_overlap():
         ),
         (
             {"solid": {"post": {"cylinder": POST["cylinder"] | {"head": [0.3, 0.4, 0.03]}}}},
-            "solid.post.cylinder: is 0.03 m long",
+            "solid.post.cylinder is 0.03 m long",
         ),
         (
             {"solid": {"post": {"cylinder": POST["cylinder"] | {"foot": [0.3, 0.4, -0.2]}}}},

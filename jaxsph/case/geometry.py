@@ -69,7 +69,7 @@ class Geometry:
     plate: WallPlate | None
     platform: Platform | None
     stretches: dict[str, WaterSurface]
-    """Stretches of the water surface below chambers, by the chambers' names."""
+    """Water surfaces below chambers, by the chambers' names."""
     bodies: dict[str, AbstractShape]
     """Shapes of the rigid bodies at rest, by name; a body comes after the body to which it is joined."""
     solids: dict[str, AbstractShape]
@@ -172,7 +172,7 @@ class Geometry:
         self.height = self._rounded_up(height)
 
     def _column(self, case: Sections) -> None:
-        """Sets the length of the released column, by default the whole tank's, and the depth of the layer."""
+        """Sets the length of the column (without a column, of the tank) and the depth of the layer."""
         self.column = self.length
         if case.tank.column is None:
             if case.tank.layer is not None:

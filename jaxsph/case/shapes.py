@@ -169,7 +169,7 @@ def inertia_of(section: BodySection, shape: AbstractShape, key: str) -> Inertia:
 
 
 def _about_centre(inertia: Any, shift: float, key: str) -> float:
-    """Moment of inertia (kg m) about the centre of mass, less than `inertia` about the pivot by `shift`."""
+    """Moment of inertia (kg m) about the centre of mass: `inertia` about the pivot less `shift`."""
     if inertia <= shift:
         raise CaseError(
             f"{key}.inertia = {inertia:g}: the moment of inertia about the pivot must be more "

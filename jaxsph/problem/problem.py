@@ -176,8 +176,8 @@ def _with_parts(model: Model, parts: dict[str, Any]) -> Model:
     stable = changed.scheme.stable_dt(g, len(changed.g))
     if dt > 1.001 * stable:
         raise CaseError(
-            f"scheme: stable with time steps up to {stable:.3g} s, but the model's step is {dt:.3g} s: build "
-            "the problem with shorter time steps"
+            f"the scheme is stable with time steps up to {stable:.3g} s, but the model's step is {dt:.3g} s: "
+            "build the problem with shorter time steps"
         )
     return changed
 

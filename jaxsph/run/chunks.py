@@ -175,8 +175,8 @@ def _cause(model: Model, state: State) -> tuple[str, Trouble | str]:
         # the table of images is the only one whose required size is not counted and which does not grow
         return "water at a wall is too dense for the table of its images", Trouble.TOO_DENSE
     if failed & Failure.STALE_TABLE:
-        # the tables are rebuilt at every step by now, and a particle still outruns them within one step
-        return "a particle outruns its neighbour table in a single step", Trouble.TOO_FAST
+        # the tables are already rebuilt at every step, but a particle leaves their reach within one step
+        return "a particle leaves the reach of its neighbour table in a single step", Trouble.TOO_FAST
     return f"the neighbour tables keep overflowing ({failed.name})", Trouble.NO_TABLES
 
 

@@ -56,7 +56,7 @@ def run(
     progress: bool = True,
     devices: int | None = None,
 ) -> Solution:
-    """Runs a case, a `Problem` or a function that returns a `Problem`, to t1 (s), by default the problem's t1.
+    """Runs a case, a `Problem` or a function that returns a `Problem` to t1 (s), by default the problem's t1.
 
     The run is recorded in the file `out`, if given.
 

@@ -84,8 +84,8 @@ class LongCrestedWaves(AbstractWaveField):
         return jnp.stack([cos * along, sin * along, up]).reshape(3, *s.shape, len(z))
 
     def _along(self, x, y):
-        """Position in `waves` of the points x, y (m), m: their distance from the middle of the wavemaker along
-        the waves' direction, divided by `lengthening`."""
+        """Position in `waves` of the points x, y (m), m: their distance from the middle of the wavemaker
+        along the waves' direction, divided by `lengthening`."""
         distance = x * jnp.cos(self.direction) + (y - self.middle) * jnp.sin(self.direction)
         return distance / self.lengthening
 

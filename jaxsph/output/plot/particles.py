@@ -141,7 +141,7 @@ class _Picture:
         for ax, dots in zip(self.axes, self.dots, strict=True):
             a, b = ax.transData.transform([(0.0, 0.0), (self.tank.dx, 0.0)])
             points = (b[0] - a[0]) * 72.0 / self.figure.dpi
-            # slightly more than the diagonal of the spacing, so that full water shows no gaps
+            # slightly more than the diagonal of the spacing, so that no gaps appear within the water
             dots.set_sizes([max(1.45 * points, 0.6) ** 2])
 
     def show(self, snapshot: dict[str, Any]) -> list[PathCollection]:
