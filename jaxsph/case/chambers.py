@@ -27,9 +27,9 @@ class Stretch(NamedTuple):
     carrier: str
     """Name of the body in whose hollow the chamber is; empty for a chamber between walls at rest."""
     front: np.ndarray
-    """Corners `[K, 2]` (x, z) (m) of the front wall's inner face, from below upwards."""
+    """Corners `[K, 2]` (x, z) (m) of the front wall's inner face, from bottom to top."""
     back: np.ndarray
-    """Corners `[K, 2]` (x, z) (m) of the back wall's inner face, from below upwards."""
+    """Corners `[K, 2]` (x, z) (m) of the back wall's inner face, from bottom to top."""
     tip: float
     """Level of the lower end of the wall with the smaller draught, m. Air escapes if water falls
     below this level."""
@@ -103,7 +103,7 @@ class Wall(NamedTuple):
         return float(low[-1]), float(high[-1])
 
     def face(self, side: int) -> np.ndarray:
-        """Corners `[K, 2]` (x, z) (m) of one face of the wall, from below upwards.
+        """Corners `[K, 2]` (x, z) (m) of one face of the wall, from bottom to top.
 
         `side` is 0 for the face at the first x, and 1 for the face at the last x. The face is sampled just
         above and just below every corner, so that both sides of a step are included.

@@ -33,8 +33,8 @@ _DIRECTION = (
 )
 _SIDES = (
     "absorption at the side walls: if a relaxation zone, `waves.zone`, makes the waves, give "
-    "`waves.side_zones`, the width of relaxation zones along these walls, m; without waves, give "
-    "`sponge.sides`"
+    "`waves.side_zones`, the width of relaxation zones along these walls, m; in a tank without "
+    "incident waves, give `sponge.sides`"
 )
 _STEP = "the time step follows from `dx` and the expected speeds; `scheme.cfl` makes it shorter or longer"
 _END = "the end of a run is `t1`, s"

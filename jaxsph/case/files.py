@@ -75,7 +75,7 @@ def _with_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     data = dict(data)
     waves = data.get("waves")
     if isinstance(waves, dict) and "file" in waves and waves.get("kind") != "recorded":
-        raise CaseError('waves.file belongs to waves.kind = "recorded"')
+        raise CaseError('waves.file is only allowed with waves.kind = "recorded"')
     for place, reader in READ.items():
         _put(data, place.split("."), "", reader, folder)
     return data

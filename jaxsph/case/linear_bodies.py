@@ -46,7 +46,8 @@ Real = NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class LinearMotions:
-    """Linear response of a case's bodies to its regular waves; complex amplitudes for Re(a exp(-i omega t)).
+    """Linear response of a case's bodies to its regular waves, as complex amplitudes a of
+    Re(a exp(-i omega t)).
 
     The crest of the incident wave is at the paddle, x = 0, at t = 0. All values are per metre of width.
     """

@@ -23,8 +23,9 @@ def linear_coefficients(
     """Coefficients of a two-dimensional case over frequencies omega (rad/s) by linear theory; None if the
     theory does not cover the tank.
 
-    Phases are relative to the waves at `x` (m from the paddle). The bed must be flat: no solid may reach an
-    end of the tank. Waves leave the tank at both ends or, without a sponge, at the paddle only.
+    Phases are relative to the waves at `x` (m from the paddle). The bed must be flat; a solid that reaches an
+    end of the tank would change the depth there, and is not covered. Waves leave the tank at both ends or,
+    without a sponge, at the paddle only.
     """
     geometry = Geometry.of(case)
     for shape in geometry.solids.values():

@@ -116,7 +116,7 @@ class _File:
         return CaseError(f"{self.path}, line {number}: {what}")
 
     def number(self, number: int, word: str) -> float:
-        """Number in a word of a line. **Raises** CaseError if the word is not a finite number."""
+        """Converts a word of a line to a number. **Raises** CaseError if the word is not a finite number."""
         try:
             value = float(word)
         except ValueError:

@@ -16,8 +16,11 @@ Bedding = Annotated[float, Field(ge=0, le=1e12)]
 
 
 class MooringSection(Section):
-    """A mooring line from an anchor to a fairlead on a body. The line's properties are those of one line;
-    `lines` is the number of such lines, in two dimensions per metre of width."""
+    """A mooring line from an anchor to a fairlead on a body.
+
+    The properties describe a single line. `lines` is the number of equal lines (per metre of width in two
+    dimensions).
+    """
 
     kind: Literal["catenary", "line"] = "catenary"
     """Model of the line: static equilibrium at every time, or lumped masses with inertia and drag."""

@@ -318,7 +318,7 @@ def flume_gauges(case: Sections) -> list[int]:
 
 
 def _free_flume(case: Sections) -> tuple[float, float]:
-    """First and last x (m), measured from the paddle, between which waves are free."""
+    """First and last x (m from the paddle) of the range in which evanescent waves are negligible."""
     geometry = Geometry.of(case)
     depth, ends = float(geometry.depth), [geometry.length]
     first = depth if case.waves.zone is None else case.waves.zone

@@ -182,14 +182,14 @@ class Tank(Section):
 
 
 class SpongeSection(Section):
-    """Damping zone at the end of the tank and, in still water, along its other walls (Eq. 27-28)."""
+    """Damping zone at the end of the tank and, without incident waves, along its other walls (Eq. 27-28)."""
 
     length: Length
     """Thickness of the layer at the far end, m."""
     near: Length | None = None
-    """Thickness of the layer at the near end, x = 0, in a tank without waves, m."""
+    """Thickness of the layer at the near end, x = 0, in a tank without incident waves, m."""
     sides: Length | None = None
-    """Thickness of the layers along both side walls, in a tank with a width and without waves, m."""
+    """Thickness of the layers along both side walls, in a tank with a width and without incident waves, m."""
     strength: float = Field(10.0, ge=1e-6, le=1e6)
     """Largest damping rate, which applies at the walls, 1/s."""
 

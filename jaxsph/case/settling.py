@@ -59,7 +59,7 @@ def settled_window(
     since the previous sample; `since`: time (s) before which the record is ignored.
 
     A sea is averaged over one repetition, because its periods differ and cannot be compared. A
-    focused group has no mean, and its window is the whole record.
+    focused group has no mean power, so its window is the whole record.
     """
     # a sample is the mean over the interval before it, and `since` is the time of a sample
     counts = t >= since - 1e-9

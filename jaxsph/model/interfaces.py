@@ -278,8 +278,8 @@ class AbstractChamber(AbstractPart):
     def water_pressure(self, air: Air, grip: AbstractGrip, x: Components) -> Float[Array, " N"]:
         """Part of the water's gauge pressure at x (m) that is due to the air, Pa.
 
-        This part must be added to the scheme's pressure, which does not contain it. `grip`: the scheme's
-        grip.
+        This part must be added to the scheme's pressure, which does not contain it. `grip`: the
+        form in which the scheme applies the air pressure (`AbstractScheme.grip`).
         """
 
 

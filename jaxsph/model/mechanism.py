@@ -275,8 +275,10 @@ class Mechanism(NamedTuple):
         return {name: jnp.sum(own) + at_time for name, (own, at_time) in self.split(power).items()}
 
     def along(self, by_body: Mapping[str, Float[Array, " k"]]) -> Float[Array, " n"]:
-        """Values of all coordinates from the values for each body's joint, by the body's name; 0 for the time
-        coordinates."""
+        """Joins the coordinate values of the bodies' joints, given by body name, into one vector.
+
+        The entries of the time coordinates are 0.
+        """
         values = [by_body[body.name] for body in self.bodies]
         return jnp.concatenate([*values, jnp.zeros(len(self.bodies), values[0].dtype)])
 

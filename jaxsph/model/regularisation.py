@@ -143,10 +143,10 @@ class Regularisation(eqx.Module):
     def apply(
         self, scheme: AbstractScheme, model: Model, p: Particles, tables: Tables, t: Scalar
     ) -> Regularised:
-        """Velocities (m/s) and displacements (m) after the time t (s), by two pair sums.
+        """Velocities (m/s) and displacements (m) after the interval t (s) between two regularisations,
+        computed with two pair sums.
 
-        t is the time between two regularisations. Even for a large t, noise and clumping are at most removed,
-        not reversed.
+        Even for a large t, noise and clumping are at most removed, not reversed.
         """
         smoothing, dim = scheme.smoothing, p.x.shape[1]
         radius, unit = smoothing.radius, lattice_sum(smoothing, model.dx, dim)

@@ -226,7 +226,7 @@ class BEMIOFile(AbstractCoefficientFile):
 
 
 def _in_six(found: Coefficients) -> dict[str, NDArray]:
-    """Coefficients over the six motions of every body about its centre of mass; the last axis is frequency.
+    """Coefficients for the six motions of each body, about its centre of mass; the last axis is frequency.
 
     A motion xi of the centre of mass moves the pivot by T xi, where T contains the pivot's position r
     relative to the centre of mass. Matrices become T^T A T. The spreads are not transformed: they refer to

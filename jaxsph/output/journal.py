@@ -9,8 +9,8 @@ checkpoint replaces the previous checkpoint, because the journal is read only up
 checkpoint. A kill at any moment therefore leaves all earlier chunks intact, and the next append overwrites a
 chunk that was only partly written.
 
-Both files belong to one `Owner`: the run's file at one stage. When they are folded into the run's file, the
-stage is increased in the same atomic step, and then the two files are removed. After a kill in between, the
+Both files belong to one `Owner`: the run's file at one stage. Merging the two files into the run's file
+increases the stage in the same atomic step; the two files are then removed. After a kill in between, the
 remaining files have no owner and are ignored.
 """
 
@@ -30,7 +30,8 @@ from jaxsph.output.records import Damage, Head, pack, read_arrays, read_head
 
 
 class Owner(NamedTuple):
-    """Owner of a journal: a run, and its stage (how often the run's file has been folded or amended)."""
+    """Owner of a journal: a run, and its stage (how often a journal was merged into the run's file, or the
+    file was amended)."""
 
     run: str
     stage: int

@@ -16,7 +16,7 @@ Layout (`SCHEMA`):
 
 During the run each chunk is appended to the journal next to the file (`output.journal`). From time to time
 the new samples are also copied into this file, so that netCDF tools can read them. The total amount copied is
-limited to a few times the amount appended. At the end of the run the journal is folded into the file and
+limited to a few times the amount appended. At the end of the run the journal is merged into the file and
 removed. Readers see file and journal as one (`output.run_view`).
 """
 
@@ -58,7 +58,7 @@ from jaxsph.output.run_view import View, owner_of, part_of
 from jaxsph.output.series_group import over_time, write_coordinates
 
 COPIES = 4
-"""Largest ratio of bytes copied for updates of the series in the file to bytes appended to the journal."""
+"""Largest number of bytes copied to update the series in the file, per byte appended to the journal."""
 SMALL = 1 << 17
 """Size (bytes) below which a file is copied after every chunk to update its series; a copy is then cheap."""
 
@@ -129,7 +129,8 @@ class RunFile(RunReader):
         _check_series(series, variables)
         if any("/" in name or name in ("", ".") for name in checkpoint):
             raise ValueError(
-                f"checkpoint names {sorted(checkpoint)}: none must be empty, '.' or with a slash"
+                f"checkpoint names {sorted(checkpoint)}: a name must not be empty, must not be '.', and must "
+                "not contain a slash"
             )
         parts = {"series": series, "snapshot": snapshot or {}}
         chunk = {f"{part}/{name}": np.asarray(a) for part, all_ in parts.items() for name, a in all_.items()}
@@ -154,14 +155,14 @@ class RunFile(RunReader):
     def finish(
         self, results: Mapping[str, float], notices: tuple[str, ...] = (), labels: Labels | None = None
     ) -> None:
-        """Stores scalar results, replacing earlier ones, and folds the journal into the file.
+        """Stores scalar results, replacing earlier ones, and merges the journal into the file.
 
         `labels`: text, unit, meaning and group of results outside the package's standard list, by name.
         """
         self._fold(lambda file: replace_results(file, results, notices, labels or {}))
 
     def fold(self) -> None:
-        """Folds the journal into the file of a run that stops before its end time."""
+        """Merges the journal into the file of a run that stops before its end time."""
         with self._view() as view:
             left = view.journal is not None
         if left:
@@ -191,7 +192,7 @@ class RunFile(RunReader):
         self._fold(change)
 
     def _fold(self, change: Callable[[h5py.File], None]) -> None:
-        """Folds the journal into the file and applies `change` to the file, in one atomic step."""
+        """Merges the journal into the file and applies `change` to the file, in one atomic step."""
         with self._rewritten() as (file, view):
             if view.journal is not None:
                 take_series(file, view)
@@ -220,7 +221,8 @@ class RunFile(RunReader):
             yield file, view
 
     def _check_own(self, file: h5py.File) -> None:
-        """**Raises** FileError if another program has replaced, changed or folded the file."""
+        """**Raises** FileError if another program has replaced or changed the file, or has merged its journal
+        into it."""
         if self._own not in (None, owner_of(file)):
             raise FileError(
                 f"{self.path} was replaced, changed or continued by another program, which may still write "

@@ -1,4 +1,4 @@
-"""Export of a run's snapshots for ParaView, as one VTKHDF file over time."""
+"""Export of a run's snapshots for ParaView, as one time-dependent VTKHDF file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from jaxsph.output.run_file import RunFile
 
 
 def export_vtkhdf(run: RunFile, path: str | Path) -> Path:
-    """Writes all snapshots as one VTKHDF file over time, which ParaView opens.
+    """Writes all snapshots as one time-dependent VTKHDF file, which ParaView opens.
 
     The file holds PolyData with one vertex per particle and the point data `pressure` (Pa), `velocity`
     (m/s, three components) and `id`. Points are in the order of `id`, so point k is the same particle at

@@ -1,4 +1,4 @@
-"""Doubts about the results of a run, and of the members of a sweep."""
+"""Warnings about the results of a run or of the members of a sweep."""
 
 from __future__ import annotations
 

@@ -100,7 +100,7 @@ def _unit(units: str, component: int) -> str:
 
 
 def _members(sweep: SweepFile) -> Table:
-    """Table with one row per member of a sweep: parameters, results, and reason of failure."""
+    """Table with one row per member of a sweep: parameters, results, and the reason for a failure."""
     stored = sweep.read()
     names = {name for one in stored.members.values() for name in one["results"]}
     ordered = in_order(names, stored.meanings.labels)

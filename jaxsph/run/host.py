@@ -232,7 +232,7 @@ def _called(bar: tqdm, model: Model, **chunk: Any) -> tuple[State, dict[str, jax
 
 @contextlib.contextmanager
 def _one_file(file: RunFile | None) -> Iterator[None]:
-    """Context that folds the run's journal into its file if an exception stops the run."""
+    """Context that merges the run's journal into its file if an exception stops the run."""
     try:
         yield
     except BaseException:

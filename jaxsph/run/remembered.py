@@ -21,7 +21,7 @@ SIZES = ("capacity", "node_capacity", "chamber_capacity")
 
 
 def with_remembered(source: Source, model: Model) -> Model:
-    """Returns the model of a source with the table sizes that an earlier run of the source has needed."""
+    """Returns the model of a source with the table sizes that an earlier run of the source needed."""
     known: dict[str, int] = {}
     with contextlib.suppress(OSError, ValueError):  # nothing is known, or the file is damaged
         path = _path(source, model)

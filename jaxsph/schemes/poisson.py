@@ -225,7 +225,8 @@ class SurfaceParticles(AbstractSurface):
     """Free-surface condition of zero pressure at particles whose kernel is not full (Eq. 23-24)."""
 
     threshold: Scalar | float = 0.9
-    """Fraction of a full kernel's sum up to which a particle counts as a surface particle (-)."""
+    """A particle whose kernel sum is at most this fraction of a full kernel's sum is a surface
+    particle (-)."""
 
     def free(self, filled):
         """See `AbstractSurface.free`."""

@@ -82,7 +82,7 @@ class Cylinder(AbstractBar):
 
 
 class Capsule(AbstractBar):
-    """Circular cylinder in any direction, with hemispherical ends around its foot and its head."""
+    """Circular cylinder in any direction, with hemispherical ends centred at its foot and head."""
 
     def distance(self, x):
         """See `AbstractShape`."""

@@ -360,7 +360,7 @@ def _of_solids(
 def _with_walls_behind(
     parts: list[GhostSet], box: Box, fixed_shapes: Sequence[AbstractShape]
 ) -> list[GhostSet]:
-    """Assigns to every fixed solid that touches a wall the tank's ghosts behind the solid.
+    """Assigns the tank's ghosts behind a fixed solid to that solid, for each fixed solid that touches a wall.
 
     `parts`: ghosts of the tank, of the solids that may move, and of the `fixed_shapes`, in this order.
     """

@@ -55,7 +55,8 @@ class AbstractMethod(eqx.Module):
         return {"method": type(self).__name__} | _told(self, "method.")
 
     def kept(self, path: Path) -> AbstractMethod:
-        """This method, set to store its runs at `path` if it makes many runs and does not store them yet."""
+        """Returns the method, with `path` as the output file if it makes many runs and has no output file
+        yet."""
         del path
         return self
 

@@ -225,8 +225,8 @@ def _numbers(name: str, values: Sequence[float]) -> np.ndarray:
         found = np.asarray(None)
     if found.ndim != 1 or not found.size or found.dtype.kind not in "iuf" or not np.all(np.isfinite(found)):
         raise CaseError(
-            f"{name} = {values!r}: must be a list of finite numbers; to vary texts, switches or absent keys, "
-            "run a sweep of each case, made by case.replace"
+            f"{name} = {values!r}: must be a list of finite numbers; to vary a string, a boolean or the "
+            "presence of a key, make one case per value with case.replace and run a sweep of each"
         )
     return found
 

@@ -51,7 +51,7 @@ class Boundary(NamedTuple):
     x: NDArray[np.floating]
     """Nodes (x, z) `[N, 2]`, m."""
     normal: NDArray[np.floating]
-    """Unit normals `[N, 2]` at the nodes, out of the water."""
+    """Unit normals `[N, 2]` at the nodes, pointing out of the water."""
     weight: NDArray[np.floating]
     """Weights `[N]` for integrals along the boundary, m."""
     owner: NDArray[np.str_]

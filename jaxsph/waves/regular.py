@@ -41,7 +41,7 @@ def second_order_piston(H: ArrayLike, k: ArrayLike, d: ArrayLike) -> Float[Array
 
 
 class AbstractGeneration(eqx.Module):
-    """Order of wave generation: corrections to the piston's linear motion and to the linear wave."""
+    """Order of wave generation, given by its corrections to the linear piston motion and the linear wave."""
 
     @abc.abstractmethod
     def displacement(self, waves: "RegularWaves", t: ArrayLike) -> Float[Array, "..."]:
