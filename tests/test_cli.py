@@ -232,11 +232,10 @@ def test_check_and_cases(calls):
         "1",
         "device",
         "here,",
+        "including",
         "10",
         "s",
         "of",
-        "it",
-        "for",
         "compilation",
     ]
     assert _jaxsph("cases").stdout == "owc  a column\n"

@@ -129,13 +129,13 @@ def test_a_year_is_the_weighted_mean_with_its_error(tmp_path):
     ("text", "words"),
     [
         ("Hs,Tp,share\n0.02,1.2,0.5\n", "the sum of the shares is 0.5: must be 1"),
-        ("Hs,Tp,hours\n0.02,1.2,-5\n", "hours: must not be negative"),
+        ("Hs,Tp,hours\n0.02,1.2,-5\n", "values of hours must not be negative"),
         ("Hs,Tp\n0.02,1.2\n", "must name the columns Hs"),
         ("Hs (ft),Tp,share\n0.02,1.2,1\n", "line 1 .*: Hs must be in m"),
         ("Hs;Tp;share\n0.02;1.2;1\n", r"must name the columns Hs \(m\), Tp \(s\), share .* by commas"),
         ("Hs\\Tp,1.2,1.4\n0.02,1,2\n", "must name the columns"),
         ("Hs,Tp,share\n0.06,1.2,1\n", "Hs = 0.06, but the matrix covers only 0.02 to 0.04"),
-        ("Hs,Tp,share\n0.02,1.7,1\n", "the table has Tp = 1.7: outside"),
+        ("Hs,Tp,share\n0.02,1.7,1\n", "the table has Tp = 1.7, but the matrix covers only"),
     ],
 )
 def test_a_table_that_does_not_fit_is_refused(tmp_path, text, words):

@@ -23,7 +23,13 @@ from jaxsph.solids.composed import Difference, Placed
 from jaxsph.solids.shapes import Block
 from jaxsph.solids.volumes import Cylinder, Sphere
 
-BALL = js.load_case("sphere_decay").replace({"dx": 0.1})
+BALL = js.load_case("sphere_decay").replace(
+    {
+        "dx": 0.1,
+        "tank": {"length": 1.6, "width": 1.6, "depth": 0.9},
+        "body.sphere.centre": [0.8, 0.8, 0.93],
+    }
+)
 DX = 0.05
 # Number of colours in the picture, which is drawn anew because WebGL forgets a picture once it is shown.
 COLOURS = """() => {

@@ -209,7 +209,7 @@ def test_spheres_beside_each_other_do_not_overlap():
             {"solid": {"post": {"cylinder": POST["cylinder"] | {"foot": [0.3, 0.4, -0.2]}}}},
             "solid.post extends outside",
         ),
-        ({"body": BUOY, "solid": {"post": {"sphere": BUOY["sphere"]}}}, "body and solid.post: have"),
+        ({"body": BUOY, "solid": {"post": {"sphere": BUOY["sphere"]}}}, "body and solid.post have"),
         ({"solid": {"post": {"capsule": POST["cylinder"] | {"radius": 0.03}}}}, "solid.post.capsule.radius"),
         ({"solid": {"post": {"capsule": POST["cylinder"]}}}, "solid.post extends outside"),
         (

@@ -126,8 +126,7 @@ class Ghosts(eqx.Module):
         walls drag the water only with `NoSlip`; `platform`: a raised bed at the far end of a two-dimensional
         tank, with lengths of whole spacings; `filling`: by default `MirrorImages`; `shapes`: solids in the
         water, which need `DummyParticles`; `fixed_shapes`: further solids, which never move. The tank's
-        ghosts behind a fixed shape belong to the shape, so that all of the water's force on the shape is
-        included.
+        ghosts behind a fixed shape belong to the shape, so that its force includes the force on them.
         **Raises** ValueError if a plate is too thin, or a sliding wall, platform or shape is not allowed.
         """
         layers = int(np.ceil(float(smoothing.radius) / dx - 0.5))

@@ -143,8 +143,7 @@ def linear_response(
 
     `lip_loss` is the coefficient zeta of a head loss Delta p = zeta rho0 |v| v / 2 at the lip of the front
     wall, with the column's mean velocity v = q / b (see the module docstring). Both laws are quadratic in q:
-    K_dm^2 + rho0 zeta / (2 b^2) replaces K_dm^2, and the pressure drops of turbine and lip have the ratio of
-    these two terms.
+    K_dm^2 + rho0 zeta / (2 b^2) replaces K_dm^2, and the pressure drop is shared in the ratio of these terms.
 
     With a linear turbine's resistance r and the air's compliance c in `air`, the turbine's flow is
     q_t = q + i omega c p, and p = (r + 8 / (3 pi) K_dm^2 |q_t|) q_t. Z - i omega c then replaces Z.
