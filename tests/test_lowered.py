@@ -12,9 +12,8 @@ from jaxsph.problem.source import Source
 from jaxsph.run import lowered, simulate
 from jaxsph.run.chunks import with_settings
 
-OWC = coarse("owc", {"output.snapshot_dt": 0.05})
-TANK = coarse("hydrostatic")
-run = functools.partial(js.run, OWC, t1=0.1, progress=False, devices=1)
+TANK = coarse("hydrostatic", {"output.snapshot_dt": 0.05})
+run = functools.partial(js.run, TANK, t1=0.1, progress=False, devices=1)
 
 
 @pytest.fixture
@@ -27,14 +26,14 @@ def folder(tmp_path, monkeypatch):
 
 
 def _untraced(monkeypatch):
-    """Makes every further tracing of a step fail, and forgets the programs in memory."""
+    """Makes every further tracing of a step fail, and forgets the stored programs in memory."""
 
     def traced(*_):
         raise AssertionError("the steps were traced again")
 
     lowered._kept.clear()
-    jax.clear_caches()
     monkeypatch.setattr(simulate, "_advance", traced)
+    monkeypatch.setattr(simulate, "_on_one_device", traced)
 
 
 def test_a_stored_program_gives_the_same_run_and_is_not_traced_again(folder, monkeypatch):
@@ -82,12 +81,12 @@ def test_a_program_belongs_to_one_version_case_and_size(folder, monkeypatch, cha
 
 
 def test_only_cases_of_the_command_line_have_stored_programs(folder, monkeypatch):
-    assert lowered.key_of(OWC)
-    problem = OWC.problem()
+    assert lowered.key_of(TANK)
+    problem = TANK.problem()
     assert lowered.key_of(js.Program(lambda: problem)) == ""
     monkeypatch.setitem(lowered._switch, "on", False)
-    assert lowered.key_of(OWC) == ""
-    assert isinstance(OWC, Source)
+    assert lowered.key_of(TANK) == ""
+    assert isinstance(TANK, Source)
 
 
 def _started(case):

@@ -110,9 +110,9 @@ def _made(name: str, steps: Steps, tree: Any, avals: list[Any], static: tuple[in
         found["names"] = sorted(readings)
         return [*jax.tree.leaves(new), *(readings[key] for key in found["names"])]
 
-    asked = [jax.ShapeDtypeStruct(a.shape, a.dtype, weak_type=a.weak_type) for a in avals]
+    shapes = [jax.ShapeDtypeStruct(a.shape, a.dtype, weak_type=a.weak_type) for a in avals]
     try:
-        lowered = export.export(jax.jit(flat))(jax.ShapeDtypeStruct((), "int32"), *asked)
+        lowered = export.export(jax.jit(flat))(jax.ShapeDtypeStruct((), "int32"), *shapes)
         data = lowered.serialize()
     except (ImportError, NotImplementedError, ValueError):
         return None  # an operation without a stable form
