@@ -91,7 +91,7 @@ PROSE = (
         (README,),
     ),
     Sentence(
-        "energy not accounted for, over the paddle's work | 2 % | {:.3f} %",
+        "energy not accounted for, as a share of the paddle's work | 2 % | {:.3f} %",
         lambda r: (r("owc_0.02", "not accounted for / paddle"),),
         (README,),
     ),
@@ -107,7 +107,7 @@ PROSE = (
         (README,),
     ),
     Sentence(
-        "impulse of the force (measured: {:.1f} N s) | 20 % | {:.1f} N s",
+        "impulse of the force (in the laboratory: {:.1f} N s) | 20 % | {:.1f} N s",
         lambda r: (
             r("column_0.01", "impulse of the force to 1.5 s", column="theory"),
             r("column_0.01", "impulse of the force to 1.5 s"),
@@ -177,7 +177,7 @@ PROSE = (
     ),
     # method
     Sentence(
-        "has {:.2f} of the Gaussian's spurious stress in pure strain",
+        "has {:.2f} times the Gaussian's spurious stress in pure strain",
         lambda r: (r("lattice_stress", "2-D: the polynomial over Gaussian, strained"),),
         (METHOD,),
     ),

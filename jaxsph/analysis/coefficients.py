@@ -89,8 +89,8 @@ class Coefficients:
     X_spread: NDArray[np.float64]
     """Spread of the complex excitation about its mean `[W, n]`, in the unit of X."""
     echo: NDArray[np.float64]
-    """Ratio of the force of the waves that return from the paddle to the radiation force (-), in the run with
-    each prescribed motion `[W, n]`. The force of these waves was subtracted, unless the ratio is NaN
+    """Force of the waves that return from the paddle, divided by the radiation force (-), in the run with
+    each prescribed motion `[W, n]`. The force of these waves was subtracted, unless this ratio is NaN
     (unknown)."""
     bodies: Mapping[str, BodyAtRest]
     """Bodies at rest, by name."""
@@ -120,8 +120,8 @@ class Coefficients:
         return self._over_modes("inertia")
 
     def _over_modes(self, matrix: str) -> NDArray[np.float64]:
-        """Matrix `[n, n]` over all modes, from the bodies' matrices called `matrix`. Motions of different
-        bodies are not coupled."""
+        """Matrix `[n, n]` over all modes, from the attribute `matrix` of each body at rest. Motions of
+        different bodies are not coupled."""
         found = np.zeros((len(self.modes),) * 2)
         for i, one in enumerate(self.modes):
             for j, other in enumerate(self.modes):

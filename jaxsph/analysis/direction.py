@@ -14,7 +14,7 @@ from jaxsph.analysis.spectrum import TAPER, even_step
 from jaxsph.waves import theory
 
 _MAX_CONDITION = 10.0
-"""Largest ratio of the extents of a group of gauges along its longest and its shortest axis (-)."""
+"""Largest permitted ratio of a group of gauges' longest extent to its shortest extent (-)."""
 
 
 class WaveDirection(NamedTuple):

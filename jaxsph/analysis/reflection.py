@@ -25,11 +25,11 @@ class Reflection(NamedTuple):
 
 
 _MIN_SAMPLES_PER_PERIOD = 8
-"""Smallest number of samples per period in `reflection`."""
+"""Smallest number of samples per period that `reflection` accepts."""
 
 
 _MAX_CONDITION = 10.0
-"""Largest condition number of the gauges' equations in `reflection` (-)."""
+"""Largest condition number of the gauges' equations that `reflection` accepts (-)."""
 
 
 def fundamental(t: ArrayLike, y: ArrayLike, T: float) -> NDArray[np.complex128]:

@@ -81,7 +81,7 @@ class Spectrum(NamedTuple):
 def spectrum(t: ArrayLike, y: ArrayLike, bands: int = BANDS) -> Spectrum:
     """Variance spectrum of a series y at times t (s): a periodogram averaged over `bands` frequencies.
 
-    **Raises** ValueError for times that are not evenly spaced, or fewer than 8 `bands` samples.
+    **Raises** ValueError for times that are not evenly spaced, or fewer than 8 * `bands` samples.
     """
     t, y = checked(t, y)
     step = even_step(t)

@@ -243,7 +243,7 @@ _candidate_count = jax.jit(lambda chamber, x, margin: chamber.candidates(x, marg
 
 
 def _fullest(walls: Ghosts, x: np.ndarray, grid: Grid, radius: float, skin: float) -> tuple[int, int]:
-    """Largest numbers of neighbours, in the initial state, of a particle and of a node.
+    """Largest number of neighbours of any particle, and of any node, in the initial state.
 
     **Arguments**: positions x (m) of the water; `radius` of the kernel's support and margin `skin`, m.
     """
@@ -278,7 +278,7 @@ def _imaged(images: Images, x: jax.Array, radius: float, skin: float) -> tuple[j
 def _neighbour_count(
     targets: np.ndarray, sees: np.ndarray, sources: np.ndarray, kinds: np.ndarray, grid: Grid
 ) -> np.ndarray:
-    """Number of sources within the grid's radius of each target whose kinds are in the target's mask `sees`.
+    """For each target, number of sources within the grid's radius whose kinds are in its mask `sees`.
 
     A tree on the host counts the sources, because a search on the device would be compiled for every build.
     """

@@ -116,7 +116,7 @@ def check_basin(case: Sections, geometry: Geometry) -> None:
 
 
 def _key(waves: AbstractWavesSection) -> tuple[str, str]:
-    """Key of the waves that needs a basin, and this key with its value."""
+    """Key in the section `waves` that needs a basin, and this key with its value as text."""
     if waves.direction != 0.0:
         return "direction", f"waves.direction = {waves.direction:g} rad"
     if waves.oblique:

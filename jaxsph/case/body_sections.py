@@ -54,7 +54,7 @@ Motions = Annotated[tuple[Coordinate, ...], AfterValidator(_three_or_six)]
 
 
 def spatial(values: Sequence[float]) -> tuple[float, ...]:
-    """Values of all six motions, from six, or from three values of surge, heave and pitch."""
+    """Values of all six motions, from six values, or from three (surge, heave and pitch)."""
     if len(values) == 6:
         return tuple(values)
     surge, heave, pitch = values
@@ -162,7 +162,7 @@ class MotionSection(Section):
     period: Time | None = None
     """Period of the harmonic motion, s."""
     phase: Motions = (0.0, 0.0, 0.0)
-    """Phases of the harmonic motions, amplitude sin(2 pi t / period + phase), rad."""
+    """Phases of the harmonic motions, which are amplitude * sin(2 pi t / period + phase), rad."""
     ramp: Duration | None = None
     """Time over which a harmonic motion grows to its amplitude, s; by default one period."""
     t: tuple[Duration, ...] = Field((), max_length=50_000)

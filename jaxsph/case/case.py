@@ -258,7 +258,7 @@ def _unknown_key(key: str, section: type[BaseModel], prefix: str) -> str:
 
 
 def _kind(name: str, data: Any) -> type[Section]:
-    """Class of the section `name`, by the kind in its `data`. **Raises** CaseError for an unknown kind."""
+    """Class of the section `name`, for the kind in its `data`. **Raises** CaseError for an unknown kind."""
     kinds = KINDS[name]
     if not isinstance(data, dict):
         raise CaseError(f"{name} = {_shown(data)}: must be a section, [{name}]")

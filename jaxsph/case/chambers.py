@@ -137,7 +137,7 @@ def stretch_between(key: str, between: tuple[str, str], tank: Tank) -> Stretch:
 
 
 def stretch_in(key: str, body: str, at: float | None, shape: AbstractShape, tank: Tank) -> Stretch:
-    """Stretch of the surface in a hollow, open below and with a roof, of the body of this `shape`.
+    """Stretch of the surface in a hollow, open below and with a roof, in a body of this `shape`.
 
     `at`: a position x (m) in the hollow, if there are several hollows. **Raises** CaseError, which names the
     section `key`, if the hollow cannot hold air over water.

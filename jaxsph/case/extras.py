@@ -9,7 +9,7 @@ from jaxsph.errors import CaseError
 
 
 def library(name: str, extra: str, what: str) -> ModuleType:
-    """Imports a library of an extra, which `what` needs, for example "a drawing".
+    """Imports the library `name` of an extra; `what` needs this library, for example "a drawing".
 
     **Raises** CaseError if the library is not installed.
     """

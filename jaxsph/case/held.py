@@ -64,7 +64,7 @@ class Forcing:
             if value is not None and not (value > 0.0 and math.isfinite(value)):
                 raise CaseError(f"{name} = {value}: must be a positive number, in m")
         if self.cycles < 2:
-            raise CaseError(f"cycles = {self.cycles}: must be 2 or more, because a scatter needs two periods")
+            raise CaseError(f"cycles = {self.cycles}: must be 2 or more, because a spread needs two periods")
 
 
 def find_modes(
@@ -121,7 +121,7 @@ def _check_case(case: Any) -> None:
 
 
 def _moves(case: Case, name: str) -> tuple[str, ...]:
-    """Motions of a body in the x-z plane, by its own joint or carried by another body."""
+    """Motions of a body in the x-z plane: those of its own joint, and those of a body that carries it."""
     section = case.every_body[name]
     own = set(section.free)
     if section.incline and own & {"surge", "heave"}:

@@ -99,7 +99,7 @@ def initial_head(geometry: Geometry, x: np.ndarray) -> np.ndarray:
     solves lap p = 0 with p = 0 on this face and at the surface, dp/dx = 0 at the back wall, and
     dp/dz = -rho0 g on the bed. Weakly compressible water started from the hydrostatic pressure would reach
     this state by sound waves from the face, and would oscillate. In a column of 15 x 30 particles the
-    pressure oscillated by rho0 g H until the column had run out.
+    pressure oscillated by rho0 g H until the column had collapsed.
 
     With k_n = (n + 1/2) pi/H and L the column's length,
         p/(rho0 g) = H - z - sum_n 2/(H k_n^2) cos(k_n z) cosh(k_n x)/cosh(k_n L).

@@ -62,8 +62,8 @@ def check_limits(case: Sections, geometry: Geometry) -> None:
 
 
 def breaking_height(T: float, d: float, g: float) -> tuple[float, str]:
-    """Height (m) above which waves of period `T` (s) on the depth `d` (m) break, and the criterion in
-    words."""
+    """Height (m) above which waves of period `T` (s) break in water of depth `d` (m), and the criterion
+    in words."""
     k = wavenumber(T, d, g)
     by_depth = DEPTH_BREAKING * d
     by_steepness = STEEPNESS_BREAKING * 2.0 * np.pi / k * np.tanh(k * d)
@@ -198,7 +198,7 @@ def _check_standing_wave(case: Sections, geometry: Geometry) -> None:
     highest = STANDING_BREAKING * half
     if start.amplitude > min(highest, geometry.depth):
         raise CaseError(
-            f"start.amplitude = {start.amplitude:g} m: a standing wave of {2 * half:.3g} m on a depth of "
+            f"start.amplitude = {start.amplitude:g} m: a standing wave of {2 * half:.3g} m in a depth of "
             f"{geometry.depth:g} m breaks; use at most {min(highest, geometry.depth):.3g} m"
         )
 
@@ -218,7 +218,7 @@ def _check_waves(case: Sections, geometry: Geometry) -> None:
     highest, why = breaking_height(waves.period, geometry.depth, case.g)
     if waves.height > highest:
         raise CaseError(
-            f"{asked(waves)}: waves of {T} = {waves.period:g} s on a depth of {geometry.depth:g} m break "
+            f"{asked(waves)}: waves of {T} = {waves.period:g} s in a depth of {geometry.depth:g} m break "
             f"above {highest:.3g} m ({why}): use a smaller height, or other waves.{T} or tank.depth"
         )
     length = 2.0 * np.pi / wavenumber(waves.period, geometry.depth, case.g)

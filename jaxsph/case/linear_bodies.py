@@ -193,7 +193,7 @@ class _Response:
     """Linear response of bodies about their equilibrium; use it with double precision enabled."""
 
     def __init__(self, case: Sections, resting: Resting) -> None:
-        """Response of the bodies `resting` to the waves of a case."""
+        """Response of a case's bodies to its waves; `resting`: the bodies at their equilibrium."""
         self.case, self.resting = case, resting
 
     def found(self) -> LinearMotions:
@@ -215,7 +215,7 @@ class _Response:
         return self._named(found, ways @ found.coordinates, list(dampings))
 
     def _hulls(self) -> tuple[list[Hull], list[int]]:
-        """Hulls of all bodies in their poses, and the index of every hull's body."""
+        """Hulls of all bodies in their poses, and the index of each hull's body."""
         hulls, carriers, depth = [], [], self.resting.geometry.depth
         for index, body in enumerate(self.resting.mechanism.bodies):
             pose, solid = self.resting.poses[body.name], self.resting.geometry.solids.get(body.name)

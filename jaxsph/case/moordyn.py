@@ -185,8 +185,8 @@ class _File:
 
 
 def _ratio(line: dict[str, Any]) -> float:
-    """Internal damping of a segment, divided by l sqrt(EA m), with the segment's length l, the axial
-    stiffness EA and the mass per length m (-)."""
+    """Internal damping of a segment, divided by l sqrt(EA m) (-), where l is the segment's length, EA the
+    axial stiffness and m the mass per length."""
     if line["damping"] <= 0.0:
         return -line["damping"]
     size = line["length"] / max(line["segments"], 1)

@@ -40,14 +40,14 @@ class MooringSection(Section):
     mass: PerLength | None = None
     """Mass per length, kg/m; the weight in water follows from it and the diameter."""
     diameter: Length | None = None
-    """Diameter of a circular section with the line's displacement and drag, m."""
+    """Diameter of a circular section with the same displacement and drag as the line, m."""
     lines: float = Field(1.0, ge=1e-3, le=1e4)
     """Number of equal lines, in two dimensions per metre of width."""
     segments: int = Field(20, ge=2, le=400)
     """Number of segments of a line of lumped masses."""
     damping: float = Field(0.5, ge=0, le=10)
-    """Internal damping of a segment, divided by l sqrt(EA m), with the segment's length l, the axial
-    stiffness EA and the mass per length m (-)."""
+    """Internal damping of a segment, divided by l sqrt(EA m) (-), where l is the segment's length, EA the
+    axial stiffness and m the mass per length."""
     drag: tuple[Shape, Shape] | None = None
     """Drag coefficients across and along the line (-)."""
     added_mass: tuple[Shape, Shape] = (1.0, 0.0)
@@ -83,7 +83,7 @@ class MooringSection(Section):
         return 0.25 * math.pi * (self.diameter or 0.0) ** 2
 
     def weight_in_water(self, rho0: float, g: float) -> float:
-        """Weight of one line per length in water of the density rho0 (kg/m3), N/m."""
+        """Weight per length (N/m) of one line in water of the density rho0 (kg/m3)."""
         if self.mass is None:
             return self.weight or 0.0
         return (self.mass - rho0 * self.area) * g

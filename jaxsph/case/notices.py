@@ -17,8 +17,8 @@ CHAMBER = 6
 SAMPLE = 0.1
 """Ratio of the sampling interval to the waves' period above which a case gets a notice."""
 SHORTER = 2.0
-"""Factor by which frequent samples may shorten the time step without a notice. A sampling interval
-has at least two steps."""
+"""Factor by which frequent samples may shorten the time step without a notice; they shorten it because
+a sampling interval has at least two steps."""
 GAUGE = 3.0
 """Half-width of the water column that a gauge measures, in spacings."""
 NEAR = 0.8
@@ -88,7 +88,7 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
 
 
 def _gauge_notices(case: Sections, geometry: Geometry) -> list[str]:
-    """Notices of gauges that are too close to a plate, body or solid that pierces the surface."""
+    """Notices about gauges that are too close to a plate, body or solid that pierces the surface."""
     spans = []
     if geometry.plate is not None:
         spans.append(("the plate", geometry.plate.x0, geometry.plate.x1))
@@ -108,7 +108,7 @@ def _gauge_notices(case: Sections, geometry: Geometry) -> list[str]:
 
 
 def _sinking(case: Sections, geometry: Geometry) -> list[str]:
-    """Notices of bodies that sink: free in heave, heavier than the water they displace, and not held."""
+    """Notices about bodies that sink: free in heave, heavier than the water they displace, and not held."""
     held = {one.joined_to for one in case.every_body.values()}
     for link in case.link.values():
         held |= {link.body, *(link.between or ())}

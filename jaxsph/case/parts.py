@@ -45,7 +45,7 @@ from jaxsph.waves.seas import Sea
 
 
 def make_waves(case: Sections, geometry: Geometry, leaf: Any) -> AbstractWaves:
-    """Waves of a case, on the depth rounded to whole spacings."""
+    """Waves of a case, in water of the depth rounded to whole spacings."""
     section, depth = case.waves, geometry.depth
     ramp = section.ramp_periods * section.period
     if section.kind == "regular":

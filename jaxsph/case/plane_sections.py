@@ -166,7 +166,7 @@ class PlateSection(AbstractPlaneSection):
     """Thickness, m; at least half a spacing."""
 
     def check(self, key, dx):
-        """See `AbstractShapeSection.check`. Ghosts on the faces must fit as well."""
+        """See `AbstractShapeSection.check`. The plate must be large enough for the ghosts on its faces."""
         length = math.dist(self.foot, self.head)
         if length < max(2.0 * dx, self.thickness):
             raise CaseError(
@@ -210,6 +210,6 @@ def check_outline(corners: Corners, key: str, dx: float) -> None:
 
 
 def poles(centre: tuple[float, ...], radius: float) -> np.ndarray:
-    """Points of a disc or sphere that are farthest from its centre (m) along the axes, `[2 D, D]` (m)."""
+    """Ends `[2 D, D]` (m) of the diameters of a disc or sphere along the axes; `centre` and `radius` in m."""
     axes = np.eye(len(centre))
     return np.asarray(centre) + radius * np.concatenate([axes, -axes])

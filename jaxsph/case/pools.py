@@ -18,14 +18,14 @@ from jaxsph.solids.cells import area_inside
 from jaxsph.solids.shapes import AbstractShape
 
 FINE, COARSE = 0.125, 0.5
-"""Distance between the points at which horizontal sections are sampled, in spacings of the particles: for the
-water surface, and for finding the levels of the walls' ends."""
+"""Distances between the points at which horizontal sections are sampled, in spacings of the particles: `FINE`
+for the water surface, `COARSE` for finding the levels of the walls' ends."""
 CLOSE = 0.01
 """Largest deviation of a chamber's outline from the section through the solids, in spacings."""
 SEAM = 0.1
 """Half the width of the widest gap between two solids that counts as closed, in spacings."""
 UPRIGHT = 0.02
-"""Largest relative change of a chamber's area over its height at which the walls count as upright."""
+"""Largest relative change of a chamber's area over its height for which the walls count as upright."""
 NARROW = 3.0
 """Least width of a chamber, in spacings."""
 
@@ -193,8 +193,8 @@ def _cuts(
 
 
 def _last_level(cut: CutAt, level: float, end: float, dx: float) -> float:
-    """Last level (m) on the way from `level` to `end` (m) at which the water is enclosed, in steps of half a
-    spacing dx (m) and then by bisection."""
+    """Last level (m) on the way from `level` to `end` (m) at which the water is enclosed, found in steps
+    of half a spacing dx (m) and then by bisection."""
     way = 0.5 * dx if end > level else -0.5 * dx
     while (end - level) / way > 1.0 and cut(level + way) is not None:
         level += way

@@ -64,8 +64,8 @@ class Resting:
     """Bodies of a case at their equilibrium in still water.
 
     **Attributes**: `mechanism`, and the states `parts` of its bodies and links at t = 0; `moving` bodies; the
-    mask `free` of the coordinates of all joints; the coordinates `q` of the equilibrium, its `posture` and
-    `poses` (m, m, rad) of the bodies by name; the `stiffness` of the free coordinates.
+    mask `free` of the coordinates of all joints; at the equilibrium, all coordinates `q`, the `posture`, the
+    bodies' `poses` (m, m, rad) by name, and the `stiffness` of the free coordinates.
     """
 
     def __init__(self, case: Sections, geometry: Geometry) -> None:

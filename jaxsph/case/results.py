@@ -156,8 +156,8 @@ def _periods(record: Record) -> Scalars:
 
 
 def _absorbed(case: Sections, record: Record) -> NDArray[np.floating] | None:
-    """Total power (W; W/m in 2-D) of all power take-offs, as means since the previous sample. None if there
-    is no power take-off, or if all chambers have a prescribed pressure."""
+    """Total power (W; W/m in 2-D) of all power take-offs, averaged over the time since the previous sample.
+    None if there is no power take-off, or if all chambers have a prescribed pressure."""
     if case.prescribed and not case.turbines and not case.every_body:
         return None
     names = [name for name in harvested(record.solution.model) if name in record.solution.series]
@@ -331,9 +331,10 @@ def _free_flume(case: Sections) -> tuple[float, float]:
 
 
 def mean_of_power(case: Sections, of: str) -> MeanOfRecord:
-    """Function from the times and power of a record to the `PowerMean` of the result `of`, for derivatives.
+    """Function that gives the `PowerMean` of the result `of` from the times and power of a record.
 
-    `of` is xi or P_owc (W; W/m in 2-D), which are means over the settled periods, or energy_pto (J).
+    `of` is xi or P_owc (W; W/m in 2-D), which are means over the settled periods, or energy_pto (J). Used for
+    derivatives.
 
     **Raises** CaseError for a result that the case does not have.
     """

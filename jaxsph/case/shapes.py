@@ -65,8 +65,8 @@ def check_apart(shapes: Mapping[str, AbstractShape], dx: float) -> None:
 
 
 def _common_volume(a: AbstractShape, b: AbstractShape, low: np.ndarray, high: np.ndarray, dx: float) -> float:
-    """Volume (m3) that two shapes have in common, counted in cells half as wide as dx (m) of the box between
-    `low` and `high` (m)."""
+    """Volume (m3) that two shapes have in common in the box between `low` and `high` (m), counted in cells of
+    half the width dx (m)."""
     counts = np.ceil((high - low) / (0.5 * dx)).astype(int)
     axes = [
         start + (np.arange(n) + 0.5) * (end - start) / n
@@ -124,7 +124,7 @@ def check_dimensions(section: BodySection, key: str, dim: int) -> None:
     for name, (value, count) in values.items():
         if value is not None and np.size(value) != (count or 1):
             asked = f"{count} values" if count > 0 else "a single number" if count == 0 else "no values"
-            raise CaseError(f"{key}.{name}: must have {asked} in two dimensions; more need tank.width")
+            raise CaseError(f"{key}.{name}: must have {asked} in two dimensions; for three, give tank.width")
 
 
 def turned(corners: np.ndarray, body: BodySection) -> np.ndarray:

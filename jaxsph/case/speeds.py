@@ -98,7 +98,7 @@ def sound_speed(case: Sections) -> float:
 
 
 def projection_speed(case: Sections) -> float:
-    """Largest speed of the water for which the incompressible scheme chooses its time step, m/s."""
+    """Expected largest speed of the water, m/s, from which the incompressible scheme's time step follows."""
     speed = getattr(case.scheme, "speed", None)
     if speed is not None:
         return speed

@@ -176,7 +176,7 @@ class MeshSection(AbstractShapeSection):
     """A closed surface of triangles, read from an STL or OBJ file that is given as `file`."""
 
     packed: str
-    """Positions and triangles of the surface, compressed; `file` makes this text."""
+    """Positions and triangles of the surface as compressed text, made from `file`."""
 
     @field_validator("packed")
     @classmethod

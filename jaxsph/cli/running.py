@@ -137,7 +137,7 @@ def _report(solution: Any, path: Path, waves: bool, wanted: tuple[bool, bool], q
 
 
 def _rows(results: dict[str, float], flat: bool, own: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
-    """Labels and values of results, in groups separated by empty rows, without energies of the whole run.
+    """Labels and values of results without energies of the whole run; empty rows separate the groups.
 
     `flat`: whether the run is two-dimensional, with results for bodies and energies per metre of width.
     """

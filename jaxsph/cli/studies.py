@@ -271,7 +271,7 @@ def _evaluation(here: Mapping[str, float], of: str, keys: Sequence[str]) -> tupl
 
 
 def compile_as_members() -> None:
-    """Sets the members' compiler flags before JAX starts, so that members reuse programs compiled here."""
+    """Sets the members' compiler flags before JAX starts, so that members reuse this process's programs."""
     from jaxsph.study.members import FORWARD_FLAGS
 
     os.environ.setdefault("XLA_FLAGS", FORWARD_FLAGS)

@@ -47,8 +47,8 @@ class SlotLoop(NamedTuple):
     """Whether a slot that is empty for all targets is skipped."""
 
     def over(self, add: Callable, start: Any, rows: Any) -> tuple[Any, Any]:
-        """Final total and stacked outputs of a scan with `add(total, row)` over the rows, from the total
-        `start`."""
+        """Final total and stacked outputs of a scan that calls `add(total, row)` for each row; `start`: total
+        before the first row."""
         return jax.lax.scan(add, start, rows, unroll=self.at_once)
 
 
@@ -129,7 +129,7 @@ def pair_sum(
 def linear_pair_sum(
     law: Law, smoothing: Smoothing, targets: Fields, sources: Fields, table: Int[Array, "K N"]
 ) -> Any:
-    """As `pair_sum`, for tangent fields; the law must be linear in these fields.
+    """Sum as in `pair_sum`, for tangent fields; the law must be linear in these fields.
 
     The gathers of this sum can be transposed, which reverse mode needs for tangents.
     """

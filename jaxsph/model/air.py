@@ -83,10 +83,11 @@ class AirCoupling(NamedTuple):
     m: Float[Array, " C"]
     """Masses of these particles, kg (kg/m in 2-D)."""
     slabs: Slabs
-    """Devices that share the particles."""
+    """Computing devices among which the particles are divided."""
     reaction: dict[str, Float[Array, " V"]]
-    """Force on the body that carries the chamber per unit of P_a, opposite to the force on the water, by
-    the body's name: m, m, m2 in 2-D; three of m2 and three of m3 in 3-D. Empty if the walls are at rest."""
+    """Force and moment, per unit of P_a, on the body that carries the chamber, by the body's name: the
+    reaction to the force on the water. In 2-D two forces (m) and a moment (m2), in 3-D three forces (m2)
+    and three moments (m3). Empty if the walls are at rest."""
 
     def push(self, u: Float[Array, "N D"], impulse: Scalar) -> Float[Array, "N D"]:
         """Velocities of the water (m/s) after an `impulse` of the air, the time integral of P_a (Pa s)."""

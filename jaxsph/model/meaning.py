@@ -16,7 +16,7 @@ __all__ = [
 
 
 class Exchange(enum.Enum):
-    """Direction of an energy in the ledger, between the water and a part."""
+    """Direction in which an energy of the ledger passes between the water and a part."""
 
     GIVEN = "given"
     """Energy given to the water by a moving part."""

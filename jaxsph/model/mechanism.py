@@ -44,7 +44,7 @@ class Kinematics(NamedTuple):
     poses: Float[Array, "2 B P"]
     """Poses (`model.rigid`)."""
     ways: Float[Array, "2 B V n"]
-    """Velocities per unit rate of every coordinate."""
+    """Velocities of pivots and centres of mass, per unit rate of each coordinate."""
     bias: Float[Array, "2 B V"]
     """Accelerations at constant rates of the coordinates, m/s2, rad/s2."""
     mass: Float[Array, "B V V"]

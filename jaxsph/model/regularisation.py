@@ -42,7 +42,8 @@ SEPARATION = 3.0
 """Default strength of the separation, in units of sqrt(g/h) (-): see `Regularisation`."""
 
 PAIR = 0.6
-"""Distance in spacings below which two particles are clumped. In waves particles stay much farther apart."""
+"""Distance, in spacings, below which two particles count as clumped. In waves particles stay much farther
+apart."""
 
 
 WHOLE = 0.5 * PAIR
@@ -50,7 +51,7 @@ WHOLE = 0.5 * PAIR
 
 
 THIN = {2: 0.3, 3: 0.15}
-"""Sum of the weights below which polynomials are of first degree, by number of dimensions (-).
+"""Limit of the sum of weights, below which polynomials are of first degree, by number of dimensions (-).
 
 The sum is 1 in a lattice. In two dimensions it is 0.6 at a surface, 0.35 or more where a surface meets a
 wall, and 0.20 to 0.26 in a row of particles. In three dimensions it is 0.24 or more where a surface meets two
@@ -100,7 +101,7 @@ class Regularisation(eqx.Module):
 
     **Separation** moves apart particles that an impact has brought closer than 0.6 spacings:
     dr_i/dt = separation sqrt(g/h) dx sum_j (V_j/dx^D) (1 - r_ij/(0.6 dx)) r_ij/|r_ij|. Every particle keeps
-    its velocity. Particles farther apart are not affected, either in a wave or at a surface. Separation
+    its velocity. Particles farther apart are not affected, whether in a wave or at a surface. Separation
     therefore cannot lift a surface.
 
     Both methods conserve the momentum of every pair. The ledger contains the energies that they dissipate;
@@ -191,7 +192,7 @@ def regularisations(
 
 
 def kinetic_loss(p: Particles, u: Float[Array, "N D"], change: Float[Array, "N D"]) -> Scalar:
-    """Kinetic energy lost by a change (m/s) of the velocities u (m/s), J (J/m in 2-D)."""
+    """Kinetic energy lost through a change (m/s) of the velocities u (m/s), J (J/m in 2-D)."""
     return -jnp.sum(p.m * jnp.sum((u + 0.5 * change) * change, axis=1))
 
 

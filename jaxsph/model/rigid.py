@@ -67,7 +67,7 @@ class AbstractSpace(abc.ABC):
         """
 
     def moved(self, pose: Float[Array, "*A P"], arm: Float[Array, "*A D"]) -> Float[Array, "*A P"]:
-        """Pose of the same body with the end of `arm` (m) as its pivot; `arm` begins at the pivot at rest."""
+        """Pose of the same body with a new pivot; `arm`: vector (m) at rest from the old to the new pivot."""
         shift = pose[..., : self.dim] + self.rotated(pose, arm) - arm
         return jnp.concatenate([shift, pose[..., self.dim :]], axis=-1)
 
@@ -95,7 +95,7 @@ class AbstractSpace(abc.ABC):
     def gyroscopic(
         self, matrix: Float[Array, "*A V V"], velocity: Float[Array, "*A V"]
     ) -> Float[Array, "*A V"]:
-        """Forces and moments (N, N m) that keep a body of the mass `matrix` at a constant velocity."""
+        """Forces and moments (N, N m) that keep a body with this mass `matrix` at a constant velocity."""
 
 
 class _Plane(AbstractSpace):

@@ -112,8 +112,8 @@ class AbstractWall(AbstractMovingSolid):
 
     @abc.abstractmethod
     def cover(self, motion: Any, x: Float[Array, "G D"], dx: Scalar) -> Float[Array, " G"]:
-        """Fraction (0 to 1) of each ghost of all solids, at x (m), that is on the water's side of the
-        wall."""
+        """Fraction (0 to 1) of each ghost that is on the water's side of the wall; `x`: positions of the
+        ghosts of all solids, m."""
 
 
 class AbstractJoint(eqx.Module):

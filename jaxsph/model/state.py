@@ -95,7 +95,7 @@ class Tally(eqx.Module):
         """Tally with the same total: a fraction `share` of the recent amount stays recent, and the remainder
         is moved to the settled amount.
 
-        `share`: ratio of another sampling interval to the present interval.
+        `share`: ratio of the new sampling interval to the old one.
         """
         rest = Tally(self.recent * (1.0 - share), self.settled, self.carry).settle()
         return Tally(self.recent * share, rest.settled, rest.carry)
@@ -155,7 +155,7 @@ class Status(eqx.Module):
     where: Float[Array, " D"]
     """Position of the first failure, m."""
     most: dict[str, Int[Array, ""]]
-    """Largest size that a table needed since the start, by the name of the size (`SIZES`)."""
+    """Largest size that a table has needed since the start, by the name of the size (`SIZES`)."""
     residual: Scalar
     """Largest residual of a linear solve so far, relative to its right-hand side (-)."""
     speed2: Scalar
@@ -260,7 +260,7 @@ class Tables(eqx.Module):
     fluid: Neighbours
     """Particles and ghosts around every particle."""
     images: Chosen
-    """Particles that the ghosts of plane walls mirror; these ghosts are the first rows of all ghosts."""
+    """Particles that the ghosts of plane walls mirror; these come first among all ghosts."""
     nodes: PointNeighbours
     """Particles around the interpolation nodes of the other ghosts."""
     around: dict[str, PointNeighbours]

@@ -160,8 +160,8 @@ def average_of(model: Model, state: State, tables: Tables) -> Average:
 
 
 HOLD = 40.0
-"""Ratio of a suppressed gradient's stiffness to the covariance, for a support full of ghosts (-); any large
-number is suitable."""
+"""Ratio of the stiffness that suppresses a gradient to the covariance, with a support full of ghosts (-); any
+large number is suitable."""
 
 
 def _held(spread: tuple[jax.Array, ...], push: Components, dim: int) -> tuple[jax.Array, ...]:

@@ -33,7 +33,7 @@ class AbstractViscosity(eqx.Module):
 class PhysicalViscosity(AbstractViscosity):
     """Physical viscosity nu in Monaghan's form, with the coefficient 2 (dim + 2) nu (Eq. 6).
 
-    On a square lattice with h = 1.2 dx the effective viscosity is up to 9 % too large for any dx
+    On a square lattice with h = 1.2 dx the effective viscosity is up to 9 % too large at every dx
     (`python -m experiments run taylor_green`). `LaplacianViscosity` does not have this error.
     """
 

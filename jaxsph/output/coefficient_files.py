@@ -18,7 +18,7 @@ from jaxsph.output.hdf5 import put_file, replace_file, tell_write_errors, versio
 PER_WIDTH = "two-dimensional: all forces, masses and stiffnesses are per metre of width"
 """Remark in every file."""
 SPREAD = "standard deviation from period to period of the run; discretisation errors are not included"
-"""Description of the spreads in every file."""
+"""Description of the coefficients' spreads, stored in every file."""
 
 
 class AbstractCoefficientFile(abc.ABC):

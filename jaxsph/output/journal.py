@@ -30,8 +30,8 @@ from jaxsph.output.records import Damage, Head, pack, read_arrays, read_head
 
 
 class Owner(NamedTuple):
-    """Owner of a journal: a run, and its stage (how often a journal was merged into the run's file, or the
-    file was amended)."""
+    """Owner of a journal: a run, and its stage (how many times a journal was merged into the run's file or
+    the file was amended)."""
 
     run: str
     stage: int

@@ -4,8 +4,8 @@
     head     JSON: "about", length of the body, and (type, shape, offset in the body, checksum) of every array
     body     the arrays' bytes, one after another
 
-Each array can be read without the others, bit for bit. Records of older versions have one checksum for all
-arrays.
+Each array can be read without the others, and bit for bit as it was written. Records of older versions have
+one checksum for all arrays.
 """
 
 from __future__ import annotations

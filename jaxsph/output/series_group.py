@@ -18,7 +18,9 @@ def write_coordinates(group: h5py.Group, coordinates: Coordinates) -> None:
     for name, (dim, values, units, long_name) in coordinates.items():
         values = np.asarray(values)
         if values.ndim != 1 or dim in (name, "time"):
-            raise ValueError(f"coordinate {name!r}: must be 1-D, over a dimension other than itself and time")
+            raise ValueError(
+                f"coordinate {name!r} must be 1-D, along a dimension that is not called {name!r} or 'time'"
+            )
         data = group.create_dataset(name, data=values)
         data.attrs["units"], data.attrs["long_name"] = units, long_name
         data.dims[0].attach_scale(scale(group, dim, len(values)))

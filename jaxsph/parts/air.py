@@ -178,9 +178,9 @@ class IsentropicAir(AbstractAirLaw):
         """See `AbstractAirLaw`.
 
         For soft air the flow at the surface is evaluated in the middle of the step, so that the spring
-        neither gains nor loses energy. With increasing omega^2 dt^2 = dt compliance / give, the time of
-        evaluation moves towards the end of the step. This shift damps oscillations from step to step if the
-        air is too stiff for dt.
+        neither gains nor loses energy. With increasing omega^2 dt^2 = dt compliance / give, where give is
+        -dV/dP_a, the time of evaluation moves towards the end of the step. This shift damps oscillations
+        from step to step if the air is too stiff for dt.
         """
         P_n = self.pressure(air)
         give = self._room(air) / (self.gamma * (self.p0 + P_n))  # -dV/dP_a

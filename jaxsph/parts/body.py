@@ -190,7 +190,7 @@ class RigidBody(PosedSolid, AbstractBody):
         return {self.called(name): value for name, value in self._told(motion, forces).items()}
 
     def _relative(self) -> dict[str, tuple[int, Reading]]:
-        """Index and reading of the joint's free coordinates, by short name; none for a joint to the tank."""
+        """Index and reading of each free joint coordinate, by short name; none for a joint to the tank."""
         other = self.joint.parent
         named = enumerate(zip(self.joint.coordinates, self.joint.free, strict=True))
         return {

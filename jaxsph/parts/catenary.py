@@ -189,7 +189,7 @@ def _energy(x: Scalar, z: Scalar, line: AbstractCatenary) -> Scalar:
 
 @_energy.defjvp
 def _energy_jvp(primals, tangents):
-    """Derivative of the energy at constant end forces, because the energy is stationary in these forces."""
+    """Derivative of the energy at fixed end forces: it is exact, since the energy is stationary in them."""
     x, z, line = primals
     span = _span(x, line)
     force = line.end_forces(span, z)

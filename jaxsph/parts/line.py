@@ -36,9 +36,9 @@ class Morison(NamedTuple):
     """Forces of still water on a line, per length (per metre of width in 2-D): drag and added mass."""
 
     drag_across: Scalar
-    """Force per length and squared speed across the line, 1/2 rho d C_dn, kg/m2."""
+    """Drag per length of the line and per squared speed across it, 1/2 rho d C_dn, kg/m2."""
     drag_along: Scalar
-    """Force per length and squared speed along the line, 1/2 rho pi d C_dt, kg/m2."""
+    """Drag per length of the line and per squared speed along it, 1/2 rho pi d C_dt, kg/m2."""
     mass_across: Scalar
     """Added mass per length for accelerations across the line, rho A C_an, kg/m."""
     mass_along: Scalar
@@ -51,9 +51,9 @@ class Bed(NamedTuple):
     height: Scalar
     """Height of the bed above the anchor, m; negative if the anchor is above the bed."""
     stiffness: Scalar
-    """Upward force per length of the line and depth below the bed's surface, N/m2."""
+    """Upward force per length of the line and per depth below the bed's surface, N/m2."""
     damping: Scalar
-    """Force per length and vertical speed of the line below the bed's surface, N s/m2."""
+    """Damping force below the bed's surface, per length of the line and per vertical speed, N s/m2."""
 
 
 class LineMotion(NamedTuple):

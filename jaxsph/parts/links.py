@@ -75,9 +75,9 @@ class AlongJoint(AbstractEnds):
 
     @classmethod
     def of(cls, body: AbstractBody, coordinate: int) -> AlongJoint:
-        """Builds the ends for the coordinate of this index of a body's joint, with the coordinate's unit.
+        """Builds the ends of a link along the coordinate with this index of a body's joint.
 
-        **Raises** ValueError if the joint has no such coordinate.
+        The ends store the coordinate's unit. **Raises** ValueError if the joint has no such coordinate.
         """
         known = body.joint.coordinates
         if not 0 <= coordinate < len(known):
@@ -241,7 +241,7 @@ class Controlled(AbstractLaw):
 
 
 FULL = 0.99
-"""Fraction of the accumulator's volume V0 that oil fills at most (-)."""
+"""Largest fraction of the accumulator's volume V0 that oil can fill (-)."""
 
 
 class HydraulicTakeOff(AbstractLaw):

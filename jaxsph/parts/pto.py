@@ -167,8 +167,8 @@ class PhasedPTO(AbstractPTO):
 class ControlledPTO(AbstractPTO):
     """Power take-off set in every step by a function of the chamber's state.
 
-    `control(air, t)` returns the power take-off for the step, for example a turbine with another damping. The
-    arguments of `control` are the chamber's `air` at the beginning of the step (pressure `air.P_a`, flow
+    `control(air, t)` returns the power take-off for the step, for example a turbine with different damping.
+    The arguments of `control` are the chamber's `air` at the beginning of the step (pressure `air.P_a`, flow
     `air.q`, volume `air.driven.total` displaced by the rise of the water) and the time t (s).
     """
 

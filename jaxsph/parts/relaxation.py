@@ -44,7 +44,7 @@ class RelaxationZone(AbstractDamper):
     strength: Scalar
     """Rate at the near end at which velocities are relaxed towards the waves' velocities, 1/s."""
     x: Float[Array, " X"]
-    """Positions along the tank of the grid on which the waves' velocities are evaluated, m, evenly spaced."""
+    """Positions x of the grid on which the waves' velocities are evaluated, m, evenly spaced."""
     z: Float[Array, " Z"]
     """Heights of this grid above the bed, m, evenly spaced."""
     name: str = eqx.field(static=True, default="zone", kw_only=True)
@@ -92,10 +92,9 @@ class BasinZone(AbstractDamper):
     side_strength: Scalar
     """Rate at the side walls, 1/s; 0 without side zones."""
     x: Float[Array, " X"]
-    """Positions along the basin of the grid on which the waves' velocities are evaluated, m, evenly
-    spaced."""
+    """Positions x of the grid on which the waves' velocities are evaluated, m, evenly spaced."""
     y: Float[Array, " Y"]
-    """Positions of this grid across the basin, m, evenly spaced."""
+    """Positions y of this grid, m, evenly spaced."""
     z: Float[Array, " Z"]
     """Heights of this grid above the bed, m, evenly spaced."""
     name: str = eqx.field(static=True, default="zone", kw_only=True)

@@ -34,8 +34,7 @@ class SegmentedPaddle(AbstractPaddle):
     field: AbstractWaveField
     """Waves whose flow the wavemaker follows."""
     y: Float[Array, " S"]
-    """Positions across the basin of the joints between the segments, m, evenly spaced, from one side wall to
-    the other."""
+    """Positions y of the joints between the segments, m, evenly spaced, from one side wall to the other."""
     rows: tuple[int, int] = eqx.field(static=True)
     face: float = eqx.field(static=True, default=0.0, kw_only=True)
     name: str = eqx.field(static=True, default="paddle", kw_only=True)

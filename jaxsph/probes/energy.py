@@ -19,7 +19,7 @@ class EnergyProbe(AbstractProbe):
 
     Potential and compression energy are relative to the initial state, but kinetic energy is not.
     Powers from the ledger are means over all steps since the last sample. The powers of viscosity and density
-    diffusion are values at the sample. `PartProbe` gives the power of a power take-off.
+    diffusion are those at the time of the sample. `PartProbe` gives the power of a power take-off.
     """
 
     sample_dt: Scalar
@@ -27,7 +27,7 @@ class EnergyProbe(AbstractProbe):
     compression0: Scalar
     """Compression energy of the initial state, J (J/m in 2-D)."""
     potential0: Scalar
-    """Potential energy of water (in the body forces), bodies and links at the start, J (J/m in 2-D)."""
+    """Potential energy of water (due to the body forces), bodies and links at the start, J (J/m in 2-D)."""
     entries: tuple[tuple[str, Entry], ...] = eqx.field(static=True)
     """Names and meanings of the energies in the model's ledger."""
     limiters: tuple[tuple[str, str], ...] = eqx.field(static=True)
@@ -47,7 +47,7 @@ class EnergyProbe(AbstractProbe):
     def held(model: Model, state: State) -> tuple[Scalar | float, Scalar | float]:
         """Kinetic energy of the bodies, and potential energy of water, bodies and links, J (J/m in 2-D).
 
-        The potential energy of the water is that in the model's `forces`, which do not include gravity.
+        The potential energy of the water is that due to the model's `forces`, which do not include gravity.
         """
         kinetic = potential = 0.0
         for force in model.forces:

@@ -144,7 +144,7 @@ class Problem:
         return summary_of(solution, self.results, self.averaging, seconds, steps, since)
 
     def _energy_of(self, of: str) -> MeanOfRecord:
-        """Function for the energy that power take-offs absorb from the start to t1, J (J/m in 2-D)."""
+        """Function from the power of power take-offs to their energy from the start to t1, J (J/m in 2-D)."""
         known = [*self.labels, "energy_pto"]
         if of in self.labels:
             raise CaseError(

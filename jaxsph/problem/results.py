@@ -97,7 +97,7 @@ def _swinging(model: Model) -> Iterator[tuple[str, Oscillation]]:
 def _asked_of(
     name: str, one: Oscillation, size: float = 0.0, mean: float = 0.0, drift: float = 0.0, wave: float = 1.0
 ) -> dict[str, tuple[Label, float]]:
-    """Results of an oscillation, label and value by name.
+    """Labels and values of an oscillation's results, by name.
 
     The results follow from the oscillation's amplitude `size`, mean, and drift in a period, and from the wave
     amplitude (m).

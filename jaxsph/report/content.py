@@ -198,7 +198,7 @@ def panels(
 ) -> list[dict[str, Any]]:
     """Time-series panels: title, unit, and lines with their names, times and values.
 
-    **Arguments**: `expected`: values by linear theory, by series, drawn as horizontal dashed lines.
+    **Arguments**: `expected`: values of linear theory for each series, drawn as horizontal dashed lines.
     """
     if len(series.get("time", ())) < 2:
         return []
@@ -355,7 +355,7 @@ def _of_sea(case: Case, series: dict[str, np.ndarray], pack: Pack) -> dict[str, 
 
 
 def _spectral(title: str, lines: list[dict[str, Any]], pack: Pack) -> dict[str, Any]:
-    """Spectrum for a page, up to slightly above the frequency below which 99.9 % of the variance lies."""
+    """Spectrum for a page, cut off slightly above the frequency below which 99.9 % of the variance lies."""
     top = 0.0
     for line in lines:
         share = np.cumsum(line["S"]) / max(float(np.sum(line["S"])), 1e-300)

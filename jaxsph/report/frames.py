@@ -194,7 +194,10 @@ def _section(
     limits: dict[str, tuple[float, float]],
     pack: Pack,
 ) -> dict[str, Any]:
-    """Positions, between `low` and `high` (m), and fields, in `limits`, of the particles of a section."""
+    """Positions and fields of a section's particles, coded for a page.
+
+    **Arguments**: `low`, `high`: range of the positions, m; `limits`: ranges of the fields.
+    """
     ids = np.unique(np.concatenate([f["id"] for f in frames]))
     rows = [np.searchsorted(ids, f["id"]) for f in frames]
     scale = (UNSEEN - 1) / (high - low)

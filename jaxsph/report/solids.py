@@ -118,7 +118,7 @@ def shaded(surface: Triangles) -> Triangles:
 def solids_of(case: Case, scene: dict[str, Any]) -> tuple[Solid, ...]:
     """Solids of a case in three dimensions; `scene`: see `run.scene`.
 
-    A scene gives plates, platform and paddle by outlines in the x-z plane; these solids span the tank.
+    A scene gives plates, platform and paddle as outlines in the x-z plane; these solids span the tank.
     """
     geometry = Geometry.of(case)
     outlines = list(scene.get("solids", ()))

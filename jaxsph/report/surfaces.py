@@ -24,7 +24,7 @@ MIDDLE = np.zeros((1, 2))
 CORNERS = 0.5 * np.array([[0.0, 0.0], [1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
 """Points of a cell relative to its centre, in sides of the cell."""
 LEVELS = 128
-"""Number of levels per spacing to which heights are rounded; the steps are below the particles' noise."""
+"""Number of levels per spacing to which heights are rounded; the steps are smaller than particle noise."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def _to_sides(heights: np.ndarray) -> np.ndarray:
 
 
 def _around(values: np.ndarray, law: Callable[..., np.ndarray], least: int) -> np.ndarray:
-    """`law` applied to three by three cells around each cell `[X, Y]`; NaN for fewer than `least` values."""
+    """`law` for the three by three cells around each cell `[X, Y]`; NaN for fewer than `least` values."""
     padded = np.pad(values, 1, constant_values=np.nan)
     windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3)).reshape(*values.shape, 9)
     with warnings.catch_warnings():

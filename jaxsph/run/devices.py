@@ -29,14 +29,14 @@ compressible). With 16,400 particles the factors are 1.5 and 1.7 (`python -m exp
 """
 
 WORTH_SPARING = 0.1
-"""Least ratio of nodes away from the water to particles at which the tables omit these nodes (-).
+"""Least number, per particle, of nodes away from the water at which the tables omit these nodes (-).
 
 Omitting fewer nodes does not make a run on one device faster.
 """
 
 
 def describe_machine(devices: int) -> str:
-    """Hardware of a run in words: the devices that share it, and JAX's version."""
+    """Devices that share a run, and JAX's version, in words."""
     first = jax.devices()[0]
     kind, one = ("CPU", "core") if first.platform == "cpu" else (first.device_kind, "device")
     return f"{kind}, {devices} {one}{'s' if devices > 1 else ''}, JAX {jax.__version__}"
@@ -80,7 +80,7 @@ def usual_devices(model: Model, state: State) -> int:
     """Default number of devices of a run, the largest number that makes the run faster.
 
     The number is one for a case that cannot be shared. Otherwise a run uses all devices of several processes,
-    all accelerators, or as many CPU cores as can each get enough particles, if the slabs are wide enough.
+    all accelerators, or as many CPU cores as leave enough particles for each, if the slabs are wide enough.
     """
     found = find_devices(None)
     if jax.process_count() > 1:

@@ -216,7 +216,7 @@ def _drive(
 
 
 def _called(bar: tqdm, model: Model, **chunk: Any) -> tuple[State, dict[str, jax.Array]]:
-    """Starts a chunk and excludes the time that JAX takes to compile it from the progress bar's rate.
+    """Starts a chunk; the progress bar's rate excludes the time that JAX takes to compile the chunk.
 
     A call returns as soon as the chunk is compiled; the chunk itself runs asynchronously.
     """

@@ -91,7 +91,7 @@ def advance(
 
 
 def _loaded(name: str) -> Lowered | None:
-    """Program in the file of that name; None if there is none or it is damaged."""
+    """Program stored under a name; None if there is no file or the file is damaged."""
     try:
         names, _, data = _path(name).read_bytes().partition(b"\n")
         return Lowered(jax.jit(export.deserialize(bytearray(data)).call), tuple(json.loads(names)))
@@ -129,7 +129,7 @@ def _made(name: str, steps: Steps, tree: Any, avals: list[Any], static: tuple[in
 
 
 def _path(name: str) -> Path:
-    """File of the program of that name."""
+    """File in which the program of this name is stored."""
     folder = program_folder()
     assert folder is not None, "`key_of` has found a folder"
     return folder / f"steps-{name}.bin"

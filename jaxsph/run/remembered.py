@@ -1,7 +1,7 @@
 """Remembers the sizes of neighbour tables that a case has needed, so that its next run is compiled only once.
 
-The sizes are kept next to the programs that JAX has compiled. Larger tables do not change results by a single
-bit. The number of steps between searches can change results, and is not remembered.
+The sizes are kept next to the programs that JAX has compiled. Larger tables do not change a single bit of the
+results. The number of steps between searches can change results, and is not remembered.
 """
 
 from __future__ import annotations

@@ -59,9 +59,9 @@ def run_together(
 ) -> list[Solution | SimulationError]:
     """Runs problems of one `shape` side by side, in one vmapped call per chunk, each into a separate file.
 
-    A file that has a checkpoint of its problem is continued. **Returns** for each run the solution that `run`
-    would return, or the error that it would raise; a run that fails does not stop the others. **Raises**
-    FileError, as `run` and `restore`.
+    A run whose file has a checkpoint of its problem is continued. **Returns** for each run the solution that
+    `run` would return, or the error that it would raise; a run that fails does not stop the others.
+    **Raises** FileError, as `run` and `restore`.
     """
     lanes = [_lane(source, out) for source, out in zip(sources, outs, strict=True)]
     every = [search_settings(lane.model) for lane in lanes]

@@ -150,7 +150,7 @@ def couple_bodies(
 def under_air(
     couplings: tuple[BodiesCoupling, ...], air: dict[str, Float[Array, " V"]]
 ) -> tuple[BodiesCoupling, ...]:
-    """Couplings with the forces of the air on the bodies by name, N, N m (per metre in 2-D)."""
+    """The couplings, with forces of the air on the bodies added by name, N, N m (per metre in 2-D)."""
     return tuple(coupling._replace(air=air) for coupling in couplings)
 
 
@@ -220,7 +220,7 @@ def push_bodies(
     couplings: tuple[BodiesCoupling, ...],
     pressures: Pressures,
 ) -> BodyWork:
-    """Bodies after the forces of a step of dt (s) changed their velocities at constant poses.
+    """Bodies after the forces of a step of dt (s) changed their velocities but not their poses.
 
     **Arguments**: `before`: states of the parts by name at the time t (s) of the forces; `pressures`:
     pressures of water and ghosts, with the accelerations and forces of the bodies that result from

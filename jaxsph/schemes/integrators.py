@@ -75,7 +75,7 @@ class AbstractIntegrator(eqx.Module):
 
     cfl: eqx.AbstractClassVar[float]
     """Default ratio of time step to h/c0 (Zhu et al. 2020, Eq. 10) (-). In tests the integrator is stable
-    with this ratio, with a margin."""
+    at this ratio, with a margin."""
 
     evaluations: eqx.AbstractClassVar[int]
     """Number of evaluations of the rates in a step."""

@@ -87,14 +87,14 @@ class Poisson(NamedTuple):
         return self.table.slabs.fetch(Sources({"f": q}, {}))
 
     def neighbour_mean(self, q: Sources, q_ghosts: Float[Array, " G"]) -> Float[Array, " N"]:
-        """Weighted mean of the pressures (Pa) of every particle's neighbours in the water and the walls.
+        """Weighted mean, for each particle, of its neighbours' pressures (Pa) in the water and the walls.
 
         `q`: sources with the water's pressures as their only field "f" (see `shown`).
         """
         return self.scale * self.table.weighted_sum(self.weights, q._replace(ghosts={"f": q_ghosts}))
 
     def closed(self) -> Array:
-        """Whether there is no free surface; without a free surface the pressure is determined up to a
+        """Whether there is no free surface; without a free surface the pressure is determined only up to a
         constant."""
         return jnp.sum(1.0 - self.free + self.extra) == 0.0
 

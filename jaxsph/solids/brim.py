@@ -110,7 +110,7 @@ class Brim(eqx.Module):
     ) -> Brim:
         """Computes kernel sums and mean heights at `nodes` (m) in a tank full of `water`, on the host.
 
-        **Arguments**: `sees`: bits of the water that every node uses; `told`: mask of the nodes whose water
+        **Arguments**: `sees`: bits of the water that each node uses; `told`: mask of the nodes whose water
         level is evaluated; `least`: lower bound of the kernel sum in a full tank.
         """
         full = np.ones(len(nodes))
@@ -133,9 +133,9 @@ class Brim(eqx.Module):
 
         A ghost above that level is behind a dry wall, even if its kernel reaches the water below. The level
         is found from the mean height of the water, the quantity that the particles determine most accurately.
-        Two exceptions are nodes under a roof, where more water could not raise the mean height, and nodes far
-        below the level, where the mean height scatters. At these nodes the level is found from the pressure
-        head.
+        The two exceptions are nodes under a roof, where more water could not raise the mean height, and nodes
+        far below the level, where the mean height scatters. At these nodes the level is found from the
+        pressure head.
 
         **Arguments**: `height`: mean height of the water above the node, m; `head`: hydrostatic pressure head
         at the node, found from the water around the node, m; `h`: smoothing length, m.

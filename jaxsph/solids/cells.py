@@ -85,7 +85,7 @@ def cell_dummies(
 
 
 def _cut(distance: Distance, middle: np.ndarray, dx: float) -> tuple[np.ndarray, np.ndarray]:
-    """Centroids (m) and volumes (m3) of the parts of cells, given by their middles, inside a surface."""
+    """Centroids (m) and volumes (m3) of the parts inside a surface, for cells with the given middles (m)."""
     fine = (np.arange(PARTS) + 0.5) * dx / PARTS - 0.5 * dx
     within = np.stack(np.meshgrid(fine, fine, fine, indexing="ij"), -1).reshape(-1, 3)
     points = middle[:, None] + within
@@ -106,7 +106,7 @@ def _grid(distance: Distance, low: np.ndarray, high: np.ndarray) -> tuple[list[n
 
 
 def _inside(away: np.ndarray, side: float) -> np.ndarray:
-    """Shares (-) of cubes inside a surface, from the distances of their middles (m) and their side (m)."""
+    """Share of each cube inside a surface (-), from the distance of its middle (m) and its side (m)."""
     return np.clip(0.5 - away / side, 0.0, 1.0)
 
 

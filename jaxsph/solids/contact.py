@@ -32,9 +32,9 @@ def spring(gap: jax.Array, dx: Scalar, c0: Scalar) -> jax.Array:
 
     Mirrored pressures alone do not keep particles off a wall, because the nearer a particle comes to its
     image, the less the image repels the particle. Without the spring, some particles in the vortex at a
-    plate's tip entered the plate and stayed there. The spring is conservative and acts within 0.4 spacings
-    `dx` (m). The spring stops a particle whose normal speed is a tenth of `c0` (m/s), and is stable at
-    a Courant number of 3.
+    plate's tip entered the plate and stayed there. The spring is conservative and acts up to 0.4 spacings
+    `dx` (m) from the surface. The spring stops a particle whose normal speed is a tenth of `c0` (m/s), and is
+    stable at a Courant number of 3.
     """
     reach = TOUCH * dx
     return (0.1 * c0 / reach) ** 2 * jnp.maximum(reach - gap, 0.0)

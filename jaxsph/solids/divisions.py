@@ -131,7 +131,7 @@ class Regions(eqx.Module):
     The dividers are the plates and the platform. Every plate divides the water by `division`; a platform
     divides the water into the part above its top and the part in front. A region is one combination of these
     parts. Two regions see each other if the divisions of all plates allow this. Whether a region sees
-    the ghosts of a face depends only on the region's part with respect to the divider of that face. The
+    the ghosts of a face depends only on the region's place relative to the divider of that face. The
     water above a platform and the water in front of it interact, but only the water in front of a face sees
     the ghosts of that face.
 
@@ -175,7 +175,7 @@ class Regions(eqx.Module):
 
     @property
     def _parts(self) -> tuple[int, ...]:
-        """Number of parts into which every divider divides the water."""
+        """Number of parts into which each divider divides the water."""
         return (len(self.division.regions),) * len(self.thin) + (2,) * len(self.platforms)
 
     @property
@@ -214,7 +214,7 @@ class Regions(eqx.Module):
         return np.arange(self.count) // stride % self._parts[divider]
 
     def _packed(self) -> np.ndarray:
-        """Bits `[count]` of the particles and ghosts that every region sees."""
+        """Bits `[count]` of the particles and ghosts that each region sees."""
         water = np.ones((self.count, self.count), bool)
         for k in range(len(self.thin)):
             part = self._part(k)
@@ -278,8 +278,8 @@ class AbstractThinWall(eqx.Module):
 
 
 class RegionalGhosts(AbstractThinWall):
-    """Ghosts of a thin wall by region, as deep as the kernel's support behind each face (Zhu et al. 2020,
-    section 2.4.1).
+    """Separate ghosts of a thin wall for each region, to the depth of the kernel's support behind each face
+    (Zhu et al. 2020, section 2.4.1).
 
     Only the water in front of a face sees the ghosts of that face. The ghosts may therefore lie in the plate,
     in the water behind the plate and on top of each other, and the plate may be as thin as half a spacing.

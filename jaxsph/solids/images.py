@@ -3,9 +3,9 @@
 A lattice of ghosts resists water that slides past it by a fraction of a spacing, and the ghosts near the
 surface switch between wet and dry. Both effects generate short waves where the surface meets a wall. An image
 instead lies at the mirrored position of its particle and has the particle's volume, so that the water next to
-a plane wall moves as in a tank twice as long without the wall. In a corner, particles are also mirrored in
-all walls of the corner together. At the end of a wall, an image is weighted with the fraction of its cell of
-side dx that lies within the wall's extent.
+a plane wall moves as it would without the wall, next to its own mirror image. In a corner, particles are
+also mirrored in all walls of the corner together. At the end of a wall, an image is weighted with the
+fraction of its cell of side dx that lies within the wall's extent.
 
 Plates and platforms have ghosts on a lattice. Images in their faces would appear and vanish as water flows
 round an edge; in the OWC such images made the noise two to four times as large.
@@ -83,9 +83,9 @@ class ImageSet(NamedTuple):
     def image(self, x: Float[Array, "M D"], paddle: Placed) -> Float[Array, "M D"]:
         """Positions (m) of the images of particles at x (m); `paddle`: see `Placed`.
 
-        The reflection in the displaced paddle is the reflection in the paddle at rest, followed twice by the
-        paddle's displacement. This construction is exact for a translation normal to the paddle's face and
-        for a rotation about an axis in the face.
+        The reflection in the displaced paddle is the reflection in the paddle at rest, followed by the
+        paddle's displacement, applied twice. This construction is exact for a translation normal to the
+        paddle's face and for a rotation about an axis in the face.
         """
         for plane in self.planes:
             x = x.at[:, plane.axis].set(2.0 * plane.at - x[:, plane.axis])
@@ -167,7 +167,7 @@ class Images(eqx.Module):
         return jnp.concatenate(rows), full
 
     def empty_rows(self, box: Box, radius: float) -> GhostSet:
-        """Ghosts of all rows before any particle is assigned, on a lattice behind the walls.
+        """Ghosts, on a lattice behind the walls, that fill all rows before any particle is assigned.
 
         `radius`: radius of the kernel's support, m.
         """
@@ -221,7 +221,7 @@ def _count(one: ImageSet, box: Box, dx: float, radius: float) -> int:
 
 
 def _rows(one: ImageSet, box: Box, dx: float, radius: float) -> GhostSet:
-    """Ghosts of a set's rows before any particle is assigned, on a lattice behind the walls."""
+    """Ghosts, on a lattice behind the walls, that fill a set's rows before any particle is assigned."""
     axes, planes = [], {plane.axis: plane for plane in one.planes}
     for axis in range(len(box.low)):
         if axis in planes:

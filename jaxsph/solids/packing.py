@@ -48,7 +48,7 @@ class Sight(NamedTuple):
     """Visibility of particles and ghosts across thin plates, as bits (`solids.divisions`)."""
 
     sees: np.ndarray
-    """Bits of the particles and ghosts that every free particle sees."""
+    """For each free particle, the bits of the particles and ghosts that it sees."""
     kind: np.ndarray
     """Kind bits of the free particles, of the other particles and ghosts, and of all their mirror images."""
 

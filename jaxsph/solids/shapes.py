@@ -19,7 +19,8 @@ from jaxsph.solids.box import LeaningPlate
 from jaxsph.solids.cells import SLIVER, area_inside, cell_dummies, cells_of, silhouette, solid_moments
 
 SHARP = 0.3
-"""Turning angle of an outline (rad) above which a corner gets a particle; a 21-sided polygon turns by 0.3."""
+"""Turning angle of an outline (rad) above which a corner gets a particle; a regular polygon with 21
+sides turns by 0.3 at each corner."""
 
 PARTS = 4
 """Number of subdivisions of a spacing in the search for parts of a shape without dummy particles."""
@@ -91,7 +92,7 @@ class AbstractShape(eqx.Module):
 
         The dummy particles form layers a spacing dx (m) apart and are about dx apart within a layer. Further
         dummy particles fill parts that the layers do not reach, for example sharp edges. Each dummy particle
-        represents the part of the shape, down to the last layer, that is nearest to the particle. The
+        represents the part of the shape, down to the last layer, that is nearer to it than to the others. The
         particle has the volume of this part and lies at the part's centroid. In three dimensions the dummy
         particles are cells of the lattice (`jaxsph.solids.cells`).
         """
@@ -229,7 +230,8 @@ class Disc(AbstractBall):
     def region(self):
         """See `AbstractShape`.
 
-        The region is approximated by a polygon with 1000 corners, which unions and differences require.
+        The region is approximated by a polygon with 1000 corners, because unions and differences need
+        polygons.
         """
         angle = np.linspace(0.0, 2.0 * np.pi, 1000, endpoint=False)
         return shapely.Polygon(np.asarray(self.centre) + float(self.radius) * _circle(angle))

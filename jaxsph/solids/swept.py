@@ -115,8 +115,8 @@ class Revolution(AbstractShape):
 def _integral(corners: np.ndarray, primitive: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> float:
     """Integral over the area (a, b) inside an outline, positive for corners that turn from a towards b.
 
-    `primitive(a, b)` is the integral of the integrand over a, a polynomial of up to fourth degree (Green's
-    theorem).
+    `primitive(a, b)`, a polynomial of at most fourth degree, is the integral of the integrand with respect
+    to a (Green's theorem).
     """
     ends = np.roll(corners, -1, axis=0)
     middle, half = 0.5 * (ends + corners), 0.5 * (ends - corners)

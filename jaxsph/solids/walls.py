@@ -99,7 +99,7 @@ class Ghosts(eqx.Module):
     filling: AbstractFilling
     """Method that computes the pressure and velocity of the ghosts from the fields of the water."""
     dummies: tuple[tuple[int, int], ...] = eqx.field(static=True)
-    """Index of the first ghost, and of the ghost after the last, for every solid of dummy particles."""
+    """For each solid made of dummy particles, index of its first ghost and of the ghost after its last."""
     images: Images = eqx.field(default_factory=Images)
     """Ghosts that are images of particles; empty unless the filling is `MirrorImages`."""
 
@@ -311,7 +311,8 @@ def _in_order(parts: Sequence[GhostSet], kept: int) -> tuple[GhostSet, np.ndarra
 def _tank(
     filling: AbstractFilling, box: Box, regions: Regions, dx: float, layers: int, radius: float
 ) -> tuple[Images, GhostSet]:
-    """Images and ghosts of a tank's walls. The ghosts are empty rows for images, or lie on a lattice.
+    """Images and ghosts of a tank's walls. With `MirrorImages` the ghosts fill the images' rows, which are
+    empty at first; otherwise they lie on a lattice.
 
     **Raises** ValueError if a tank with a platform is not two-dimensional or lacks an end wall or a floor.
     """

@@ -36,8 +36,8 @@ class Derivative:
     series: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
     """Readings of the parts with a power take-off, and "time" (s), over the run; empty for an ensemble."""
     slopes: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
-    """Slopes of the readings, and "grain": RMS deviation of the particles' position slopes from local linear
-    fits, m per unit of the parameter."""
+    """Slopes of the readings, and "grain": RMS deviation of the slopes of the particles' positions from local
+    linear fits, m per unit of the parameter."""
     members: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
     """Values of the parameter and of the result over an ensemble's members; empty for other methods."""
 

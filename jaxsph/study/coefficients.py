@@ -135,7 +135,7 @@ class _Study(NamedTuple):
 
     @property
     def axes(self) -> dict[str, NDArray]:
-        """Periods (s), and numbers of the runs at each period."""
+        """Periods (s), and indices of the runs at each period."""
         return {"period": self.periods, "run": np.arange(len(self.modes) + 1)}
 
     @property
@@ -151,7 +151,7 @@ class _Study(NamedTuple):
 
     @property
     def bodies(self) -> dict[str, Any]:
-        """Bodies at rest that have a mode, by name."""
+        """Properties at rest of the bodies that have a mode, by name."""
         geometry = Geometry.of(self.case)
         names = dict.fromkeys(mode.body for mode in self.modes)
         return {name: at_rest(self.case, geometry, name, self.x) for name in names}

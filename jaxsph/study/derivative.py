@@ -24,7 +24,7 @@ def derivative(
     ensemble also any result that the problem itself defines; `method`: `Exact()`, for runs of a fraction of a
     second; `Filtered()`, one run over whole wave periods, with a bias; `Ensemble()` (the default), many runs,
     with a standard error.
-    **Raises** CaseError if the case or the method does not have the parameter or the result, DerivativeError
+    **Raises** CaseError if the case lacks the parameter or the method cannot give this slope, DerivativeError
     if the slope would not describe the flow, SimulationError as `run`.
     """
     source = source_of(given)

@@ -1,4 +1,4 @@
-"""Power matrix: mean power over significant heights and peak periods, and its mean over a scatter table."""
+"""Power matrix: mean power at each significant height and peak period, and its mean over a scatter table."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class ScatterTable:
 
 @dataclass(frozen=True)
 class PowerMatrix:
-    """Mean absorbed power of a device over sea states, its standard error, and the power by linear theory."""
+    """Mean absorbed power of a device in each sea state, its standard error, and power by linear theory."""
 
     Hs: NDArray[np.float64]
     """Significant wave heights, m."""

@@ -46,7 +46,7 @@ class AbstractWaves(eqx.Module):
 
     @abc.abstractmethod
     def elevation(self, x: ArrayLike, t: ArrayLike) -> Float[Array, "..."]:
-        """Target elevation at x (m) from the paddle's rest position and t (s), m, without the ramp."""
+        """Target elevation (m) at t (s) and x (m) from the paddle's rest position, without the ramp."""
 
     @abc.abstractmethod
     def delayed_elevation(self, x: ArrayLike, t: ArrayLike) -> Float[Array, "..."]:

@@ -150,7 +150,7 @@ def _breaks(edge: Edge, largest: float, resolution: Resolution) -> NDArray:
 
 
 def _upright(edge: Edge, k: float, resolution: Resolution) -> NDArray:
-    """Ends of a radiating end's panels, from 0 to 1; the panels resolve the wave's decay with depth."""
+    """Ends of the panels at a radiating end, from 0 to 1; the panels resolve the wave's decay with depth."""
     at = np.linspace(0.0, 1.0, int(np.ceil(UPRIGHT / resolution.largest)) + 1)
     top = 1.0 - at[-2]
     fine = 1.0 - top * 0.5 ** np.arange(1.0, max(1.0, np.log2(0.5 * k * top * edge.length) + 1.0))

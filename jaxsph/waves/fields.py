@@ -32,11 +32,11 @@ class AbstractWaveField(eqx.Module):
 
     @abc.abstractmethod
     def elevation(self, x: ArrayLike, y: ArrayLike, t: ArrayLike) -> Float[Array, "..."]:
-        """Target elevation at x, y (m) and t (s), which broadcast, m, without the ramp."""
+        """Target elevation (m) at x, y (m) and t (s), which broadcast, without the ramp."""
 
     @abc.abstractmethod
     def mean_displacement(self, y: Float[Array, " Y"], t: Scalar) -> Float[Array, " Y"]:
-        """Depth-averaged displacement along x of the water at x = 0, at y (m) and t (s), m, with the ramp.
+        """Depth-averaged displacement (m) along x of the water at x = 0, y (m) and t (s), with the ramp.
 
         A wall with this motion supplies the flow rate of the waves.
         """
@@ -63,8 +63,9 @@ class LongCrestedWaves(AbstractWaveField):
     """Direction of the waves, rad."""
     middle: Scalar
     lengthening: Scalar = eqx.field(converter=real, default=1.0)
-    """Ratio of the actual wavelength to the length of `waves` (-); higher waves are longer than linear waves.
-    Over several wavelengths zones with waves of another length would run out of phase with the water."""
+    """Ratio of the actual wavelength to the wavelength of `waves` (-); higher waves are longer than linear
+    waves. Without this ratio, relaxation zones would run out of phase with the water over several
+    wavelengths."""
 
     def elevation(self, x, y, t):
         """See `AbstractWaveField.elevation`."""

@@ -168,7 +168,7 @@ class _End(NamedTuple):
     relation: Complex
     """Matrix from the potential at these nodes to the velocity out of the section, 1/m."""
     onto: Complex
-    """Weights of the potential at these nodes in the amplitude of the outgoing elevation, at x = 0, s/m."""
+    """Weights with which the potential at these nodes sums to the outgoing wave's amplitude at x = 0, s/m."""
 
 
 def _radiating(section: Section, boundary: Boundary, omega: float, k: float, g: float) -> list[_End]:
@@ -198,7 +198,7 @@ def _wave(z: NDArray, k: float, h: float) -> NDArray[np.floating]:
 def _potential(boundary: Boundary, dry: NDArray, ends: list[_End], K: float, given: NDArray) -> NDArray:
     """Potentials `[N, r]` at the nodes, for the `given` parts `[N, r]` of the velocity out of the water.
 
-    The velocity is `given` on hulls, the nodes of the mask `dry`, and K phi + `given` on the surface. At the
+    The velocity is `given` on hulls (nodes in the mask `dry`), and K phi + `given` on the surface. At the
     radiating ends the velocity follows from the potential.
     """
     source = boundary.source
@@ -238,7 +238,7 @@ def _motions(section: Section, boundary: Boundary) -> NDArray[np.floating]:
 
 
 def _carried(section: Section) -> NDArray[np.floating]:
-    """Force `[m, c]` on the hull that carries a chamber per unit pressure, m (m2 for pitch).
+    """Force `[m, c]`, per unit pressure of a chamber, on the hull that carries the chamber, m (m2 for pitch).
 
     This force is the negative of the air's force on the water surface.
     """

@@ -310,7 +310,7 @@ def _modes(ratio: float, Kh: float, length: float, order: float, functions: int)
 
 @lru_cache(maxsize=64)
 def _static(ratio: float, order: float, functions: int) -> tuple[Matrix, Matrix]:
-    """Sum of 2 / (n pi) times the products of the transforms over the modes for K = 0; the transforms [n, m].
+    """Sum over the modes for K = 0 of 2 / (n pi) times the transforms' products, and the transforms [n, m].
 
     n starts at 1, and kappa = n pi ratio. For kappa above `_FAR` the product is
     (-1)^(m+m') (1 + cos(2 kappa - pi L - pi/2)) / (pi kappa^(1+2L)). The first part sums to Hurwitz's zeta

@@ -130,7 +130,7 @@ class RegularWaves(AbstractWaves):
         return X + self.ramp_factor(t) * self.correction.displacement(self, t)
 
     def elevation(self, x: ArrayLike, t: ArrayLike) -> Float[Array, "..."]:
-        """Target elevation at x (m) from the paddle's rest position and t (s), m, to second order.
+        """Target elevation (m) at t (s) and x (m) from the paddle's rest position, to second order.
 
         At x = 0 the linear part is in phase with the paddle's velocity. The elevation has no ramp, so
         compare it with a simulation only once the front, travelling at the group velocity, has passed x.
@@ -173,7 +173,7 @@ class RegularWaves(AbstractWaves):
         return jnp.stack([ramp * found[..., 0] - ramp**2 * back, ramp * found[..., 1]])
 
     def near_field(self, x: float) -> Scalar:
-        """See `AbstractWaves.near_field`. Derivatives with respect to T and d treat it as a constant."""
+        """See `AbstractWaves.near_field`. Derivatives with respect to T and d treat the ratio as constant."""
         ratio = near_field_ratio(float(x), float(self.omega), float(self.d), float(self.g))
         return jnp.asarray(ratio, real(self.T).dtype)
 

@@ -37,7 +37,7 @@ reduces the error to 0.1 %.
 """
 MANY = 100
 """Number of waves above which only half as many modes are used. In a sea of 160 waves the error is then
-0.3 %, and the sum is four times as fast."""
+0.3 %, and the sum takes a quarter of the time."""
 
 
 class Harmonics(NamedTuple):

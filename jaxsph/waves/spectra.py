@@ -126,7 +126,7 @@ def spread_beyond(exponent: float, within: tuple[float, float]) -> float:
 
 
 def _spread(exponent: float, within: tuple[float, float]) -> tuple[Real, Real]:
-    """Directions (rad) between two limits, and the integral of cos^2s(theta/2) from the lower limit."""
+    """Directions (rad) between two limits; integral of cos^2s(theta/2) from the lower limit to each."""
     theta = np.linspace(*within, 20_001)
     density = np.cos(0.5 * theta) ** (2.0 * exponent)
     return theta, scipy.integrate.cumulative_trapezoid(density, theta, initial=0.0)

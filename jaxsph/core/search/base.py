@@ -64,7 +64,7 @@ class Table(NamedTuple):
     """Table of the neighbours of every target, and the number of slots that it needs."""
 
     indices: Int[Array, "K N"]
-    """Index of the source in each slot; the number of sources (the empty source) where the slot is empty."""
+    """Index of the source in each slot; in an empty slot the number of sources (the empty source's index)."""
     most: Int[Array, ""]
     """Largest number of neighbours of any target; if this number exceeds K, the table has overflowed."""
 

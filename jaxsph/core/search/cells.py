@@ -212,8 +212,8 @@ def _sort(key: Int[Array, " M"], cells: int) -> tuple[Int[Array, " M"], Int[Arra
 def _line(
     home: Int[Array, "N D"], offset: tuple[int, ...], grid: Grid
 ) -> tuple[Int[Array, " N"], Bool[Array, " N"]]:
-    """Number of the line of cells (along the last axis) at the distance `offset` from the line of every cell
-    `home`, and whether this line is in the grid."""
+    """Number of the line of cells (along the last axis) that is `offset` cells away from the line of each
+    cell `home`, and whether this line is in the grid."""
     row, inside = jnp.zeros(home.shape[0], jnp.int32), jnp.ones(home.shape[0], bool)
     for axis, step in enumerate(offset):
         index = home[:, axis] + step

@@ -73,7 +73,7 @@ def water_neighbours(
     ghosts: Seen,
     capacity: int,
 ) -> tuple[Neighbours, Int[Array, ""], Int[Array, ""]]:
-    """Neighbours of the water's particles, which are sorted by cell, among the water and the ghosts.
+    """Neighbours of the water's particles among the water and the ghosts; the particles are sorted by cell.
 
     **Returns** also the largest number of neighbours, and the number of particles that the largest halo must
     contain.

@@ -39,7 +39,7 @@ from jaxsph.waves.linear_owc import LinearOWC
 
 @in_style
 def gauges(run: RunFile, overlay: Overlay | None = None) -> Figure | None:
-    """Figure of the elevation (m) at each wave gauge over time: one axis per gauge, on a common scale."""
+    """Figure of the elevation (m) at each wave gauge over time: one panel per gauge, on a common scale."""
     series = run.series()
     if not has_samples(series, "eta"):
         return None

@@ -1,4 +1,4 @@
-"""Style of all pictures: colours, widths, and columns of axes with a common time axis."""
+"""Style of all pictures: colours, widths, and columns of panels with a common time axis."""
 
 from __future__ import annotations
 
@@ -61,12 +61,12 @@ def has_samples(series: dict[str, np.ndarray], name: str) -> bool:
 
 
 def axis_name(ax: Axes, kind: str) -> str:
-    """Title of an axis in a column: `kind`, and the number of the axis, counted from the top."""
+    """Title of a panel in a column: `kind`, and the number of the panel, counted from the top."""
     return f"{kind} {cast(Any, ax.get_subplotspec()).rowspan.start + 1}"
 
 
 def stacked_axes(count: int, height: float) -> tuple[Figure, np.ndarray]:
-    """Figure with a column of `count` axes over one time axis, each `height` inches high."""
+    """Figure with a column of `count` panels, each `height` inches high, over one time axis."""
     figure = Figure(figsize=(WIDTH, 0.8 + height * count), layout="constrained")
     cast(Any, figure.get_layout_engine()).set(w_pad=0.1, h_pad=0.08)
     axes = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
@@ -77,7 +77,7 @@ def stacked_axes(count: int, height: float) -> tuple[Figure, np.ndarray]:
 
 
 def share_limits(axes: Sequence[Axes]) -> None:
-    """Gives all axes the same vertical limits, from the lowest to the highest limit of all axes."""
+    """Gives all panels the same vertical limits, from the lowest to the highest limit of all panels."""
     low, high = zip(*(ax.get_ylim() for ax in axes), strict=True)
     for ax in axes:
         ax.set_ylim(min(low), max(high))

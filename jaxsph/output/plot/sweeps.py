@@ -20,7 +20,7 @@ from jaxsph.output.sweep_file import SweepFile, over_members
 def plot_sweep(
     sweep: SweepFile | str | Path, folder: str | Path | None = None, of: str | None = None
 ) -> list[Path]:
-    """Writes the picture of a sweep, an ensemble or a search: the result `of` over the varied parameters.
+    """Writes the picture of a sweep, an ensemble or a search: the result `of` against the parameters.
 
     By default the result is xi, or else the first result that the problem itself defines.
 
