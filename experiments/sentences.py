@@ -272,7 +272,7 @@ PROSE = (
         (METHOD,),
     ),
     Sentence(
-        "Still water moves at {:.2f} % of sqrt(g d)",
+        "Spurious velocities in still water reach {:.2f} % of sqrt(g d)",
         lambda r: (r("still_tank_0.02", "3-D, d/dx = 20, 10 s: largest speed after 3 s over sqrt(g d)"),),
         (METHOD,),
     ),

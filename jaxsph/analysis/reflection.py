@@ -147,7 +147,7 @@ def two_way_sea(
     f: tuple[float, float],
     bands: int = BANDS,
 ) -> TwoWaySea:
-    """Incident and reflected spectrum of a sea from a row of gauges, frequency by frequency.
+    """Incident and reflected spectra of a sea, separated at each frequency from a row of gauges.
 
     The method is least squares after Mansard and Funke (1980), with linear wavenumbers. With unevenly
     spaced gauges few frequencies are left out.

@@ -102,7 +102,7 @@ FRICTION_SCALE = 0.01
 
 
 def make_links(case: Sections, bodies: Sequence[RigidBody], leaf: Any) -> tuple[Link, ...]:
-    """Links of a case: those of the bodies' power take-offs, and those of its sections `link`.
+    """All links of a case: the bodies' power take-offs and the `link` sections.
 
     `leaf` converts a number to an array of the case's precision. **Raises** CaseError for a link to a body
     that does not exist.

@@ -117,7 +117,9 @@ def _check_case(case: Any) -> None:
         raise CaseError("g = 0: there are no waves without gravity")
     if case.chambers or case.tank.column is not None:
         what = "tank.column" if case.tank.column is not None else f"chamber.{next(iter(case.chambers))}"
-        raise CaseError(f"{what}: coefficients are found for bodies in open, still water only: remove it")
+        raise CaseError(
+            f"{what}: coefficients can only be computed for bodies in open, still water; remove {what}"
+        )
 
 
 def _moves(case: Case, name: str) -> tuple[str, ...]:

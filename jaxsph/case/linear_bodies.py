@@ -62,9 +62,9 @@ class LinearMotions:
     relative: dict[str, NDArray[Any]]
     """Coordinates of every moving body's joint, by the body's name, m or rad."""
     extensions: dict[str, complex]
-    """Extensions of the links that have one extension, by the link's name, m or rad."""
+    """Extensions of all links except moorings, whose extension is a vector, by the link's name, m or rad."""
     forces: dict[str, complex]
-    """Forces of the links that have one extension, by the link's name, N/m or N."""
+    """Forces of all links except moorings, by the link's name, N/m or N."""
     powers: dict[str, float]
     """Mean power of every power take-off of links and chambers, by its name, W/m."""
     swings: dict[str, complex]
@@ -242,8 +242,7 @@ class _Response:
         return Section(self.resting.geometry.depth, tuple(hulls), end, tuple(chambers))
 
     def _dampings(self) -> tuple[dict[str, Damping], Real]:
-        """Rate-dependent forces of links with one extension, by name, and damping matrix of the
-        other links."""
+        """Rate-dependent forces of all links except moorings, by name, and damping matrix of the moorings."""
         found, total, t = {}, np.zeros((int(self.resting.free.sum()),) * 2), jnp.zeros(())
         for link in self.resting.mechanism.links:
             way = np.asarray(self.resting.posture.slopes[link.name])[..., self.resting.free]

@@ -27,7 +27,7 @@ MOST_TRIANGLES = 100_000
 MOST_POINTS = 8 * 10**6
 """Largest number of points of the grid of distances."""
 FINE = 0.5
-"""Intervals of the grid of distances, in spacings of the particles."""
+"""Interval of the distance grid, in particle spacings."""
 COARSE = 16
 """Number of grid intervals along the longest side of a mesh of which only the extent and volume matter."""
 

@@ -50,8 +50,8 @@ def polynomials(
 
     **Arguments**: `summed`: sums of `moments`, with weights whose sum is about 1; `differences`: for every
     component of the field, the sums of w (f_j - f_i) times each of the `monomials`; `stiffness`: weight of
-    the squared coefficients of second degree in the least-squares fit. A stiffness of 0 gives a polynomial of
-    second degree, and a stiffness of 1 nearly one of first degree.
+    the squared coefficients of second degree in the least-squares fit. With a stiffness of 0 the
+    polynomial is quadratic; with a stiffness of 1 it is almost linear.
     """
     rows = _axes(dim, (1, 2))
     at = dict(zip(_axes(dim, (2, 3, 4)), summed, strict=True))

@@ -197,7 +197,7 @@ class AbstractGrip(eqx.Module):
 
     @abc.abstractmethod
     def water_pressure(self, weight: Float[Array, " N"]) -> Float[Array, " N"]:
-        """Fraction (0 to 1) of P_a that the water's pressure contains, but the scheme's pressure does not.
+        """Fraction (0 to 1) of P_a to add to the scheme's pressure to obtain the total pressure of the water.
 
         `weight`: weights chi of the chamber at the particles.
         """

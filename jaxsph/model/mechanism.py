@@ -163,7 +163,7 @@ class Mechanism(NamedTuple):
         return {name: line for name, line in lines.items() if len(line)}
 
     def kinematics(self, parts: Mapping[str, Any], t: Scalar) -> Kinematics:
-        """Kinematics of the bodies at the time t (s); `parts`: states of the parts by name."""
+        """Kinematics of the bodies at time t (s); `parts`: states of the parts by name."""
         return self._at(*self._gathered(parts, t), self._movable(t))
 
     def coasting(self, parts: Mapping[str, Any], t: Scalar) -> dict[str, Float[Array, " V"]]:

@@ -125,9 +125,9 @@ class Regularisation(eqx.Module):
     def law(unit: Scalar, dx: Scalar, radius: Scalar, pair: Pair, i: Fields, j: Fields) -> Terms:
         """Terms of one pair of water particles; the terms of walls are zero.
 
-        **Arguments**: `unit`: result of `lattice_sum`; `dx`: spacing, m; `radius` of the support, the unit of
-        the polynomials' coordinates, m; `i`, `j`: fields "u", "fit" (`fits.polynomials`), and "V", the mass
-        divided by rho0, with which pairs conserve momentum.
+        **Arguments**: `unit`: result of `lattice_sum`; `dx`: spacing, m; `radius`: radius of the support, m,
+        by which the polynomials' coordinates are divided; `i`, `j`: fields "u", "fit" (`fits.polynomials`)
+        and "V". "V" is the mass divided by rho0; with this choice the terms of a pair conserve momentum.
         """
         w = laws.water_volume(j) * weight(pair.r2, radius) / unit
         there = monomials(tuple(-r / radius for r in pair.r))

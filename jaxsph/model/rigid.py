@@ -60,7 +60,7 @@ class AbstractSpace(abc.ABC):
     def carried(
         self, above: Float[Array, " P"], arm: Float[Array, " D"], own: Float[Array, " P"]
     ) -> Float[Array, " P"]:
-        """Pose of a body whose pose relative to another body is `own`.
+        """Absolute pose of a body, from its pose `own` relative to another body.
 
         **Arguments**: `above`: pose of the other body; `arm`: vector (m) at rest from the other body's pivot
         to the body's pivot.
@@ -77,7 +77,8 @@ class AbstractSpace(abc.ABC):
 
     @abc.abstractmethod
     def directions(self, r: Float[Array, "N D"]) -> Float[Array, "V N D"]:
-        """Velocities of points at r (m) from the pivot, per unit of each component of the velocity (-, m)."""
+        """Velocities of points at r (m) from the pivot, per unit of each component of the body's
+        velocity (-, m)."""
 
     @abc.abstractmethod
     def centripetal(self, velocity: Float[Array, " V"], r: Float[Array, "N D"]) -> Float[Array, "N D"]:

@@ -181,7 +181,8 @@ class ControlledPTO(AbstractPTO):
         return cls(jax.tree_util.Partial(control, *parameters))
 
     def entries(self, whose):
-        """See `AbstractPTO`: entries of the power take-off that `control` returns for air at rest."""
+        """See `AbstractPTO`; returns the ledger entries of the power take-off that `control` selects
+        for air at rest."""
         return self._at_rest(0.0).entries(whose)
 
     def at(self, air, t):

@@ -1,4 +1,4 @@
-"""Sources of everything that a user may run: a case, a function that returns a problem, or a problem."""
+"""What a user may run: a case, a function that returns a problem, or a problem. Each becomes a `Source`."""
 
 from __future__ import annotations
 

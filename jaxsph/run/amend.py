@@ -76,7 +76,7 @@ UNMOVED = ("t1", "description", "output.snapshot_dt", "output.periods")
 
 
 class Change(NamedTuple):
-    """Checked change of a run's file, to be written by `RunFile.amend`."""
+    """Validated change to a run's file, which `RunFile.amend` writes."""
 
     case_toml: str
     settings: dict[str, int]

@@ -68,9 +68,9 @@ class AbstractFilling(eqx.Module):
     ) -> NodeFit:
         """Interpolation coefficients at the nodes.
 
-        **Arguments**: `nodes` (m); `brim`: kernel sums of the nodes in a full tank; `water`: fields of the
-        water as sources, with "level_p" if the pressure from which the water level is found differs from "p";
-        `table`: the nodes' neighbours; `weight`: rho0 g, N/m3.
+        **Arguments**: `nodes` (m); `brim`: kernel sums of the nodes in a full tank; `water`: water
+        fields as sources; "level_p" is the pressure that gives the water level, and is omitted if equal to
+        "p"; `table`: the nodes' neighbours; `weight`: rho0 g, N/m3.
         """
 
 

@@ -42,7 +42,7 @@ class Resolution(NamedTuple):
     ratio: float = 0.3
     """Ratio of panel lengths in each of these reductions (-)."""
     largest: float = 1.0
-    """Factor on the largest panel length (-)."""
+    """Multiplier of the default largest panel length (-)."""
 
 
 class Boundary(NamedTuple):

@@ -189,7 +189,7 @@ def linear_response(
 
 
 def _check_response(H: NDArray, K_dm: NDArray, rho0: float, lip_loss: NDArray, air: LinearAir) -> None:
-    """Checks arguments of `linear_response`. **Raises** ValueError if an argument is out of range."""
+    """Checks the arguments of `linear_response`. **Raises** ValueError if an argument is out of range."""
     if not (np.all(H > 0.0) and np.all(K_dm >= 0.0) and np.all(lip_loss >= 0.0) and rho0 > 0.0):
         raise ValueError("H and rho0 must be positive, and K_dm and lip_loss must not be negative")
     if air != IDEAL_AIR and np.any(lip_loss > 0.0):

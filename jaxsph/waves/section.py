@@ -122,8 +122,8 @@ class Edge(NamedTuple):
     owner: str
     """Name of the hull or chamber that the edge belongs to, or `FREE` or `RADIATING`."""
     sharp: tuple[bool, bool]
-    """Whether the velocity is singular at the beginning and at the end: at a corner of a hull where the angle
-    in the water exceeds pi."""
+    """Whether the velocity is singular at the beginning and at the end of the edge. It is singular at a hull
+    corner whose angle in the water exceeds pi."""
     corner: tuple[bool, bool]
     """Whether the boundary turns, or its condition changes, at the beginning and at the end."""
 
