@@ -71,7 +71,7 @@ class PTOSection(Section):
     ramp: Duration = 0.0
     """Time over which a prescribed pressure grows from zero, s."""
     relief: float | None = Field(None, ge=1e-3, le=1e9)
-    """Gauge pressure at which a relief valve parallel to the turbine opens and lets air out, Pa."""
+    """Gauge pressure at which a relief valve in parallel with the turbine opens and lets air out, Pa."""
     suction: float | None = Field(None, ge=1e-3, le=1e9)
     """Suction at which the relief valve opens and lets air in, Pa, as a positive number."""
 

@@ -104,8 +104,8 @@ def _closed(svg: ModuleType, path) -> Iterator[Corners]:
 
 
 def _chords(curve: Callable[[NDArray], NDArray], close: float) -> Corners:
-    """Points on a curve with a parameter from 0 to 1. The chords between the points deviate from the curve by
-    less than `close` (drawing units), unless more than `MOST` chords are needed."""
+    """Points on a parametric curve (parameter 0 to 1). The chords between the points deviate from the curve
+    by less than `close` (drawing units), unless more than `MOST` chords are needed."""
     number = 4
     while True:
         points = curve(np.linspace(0.0, 1.0, 2 * number + 1))

@@ -16,8 +16,8 @@ from jaxsph.case.shapes import inertia_of
 
 
 def at_rest(case: Sections, geometry: Geometry, name: str, x: float) -> BodyAtRest:
-    """Displaced volume, inertia and stiffness of the body `name` of a case at rest, with positions relative
-    to the point x (m) in the still water surface."""
+    """Displaced volume, inertia and stiffness of body `name` at rest, with positions relative to the point
+    x (m) in the still water surface."""
     section, shape = case.every_body[name], geometry.bodies[name]
     inertia, origin = inertia_of(section, shape, case.body_key(name)), np.array([x, geometry.depth])
     under = submerged(shape.region(), geometry.depth)

@@ -38,7 +38,7 @@ class Triangles(NamedTuple):
     vertices: np.ndarray
     """Positions `[V, 3]` of the corners, m."""
     faces: np.ndarray
-    """Numbers `[F, 3]` of each triangle's corners, anticlockwise as seen from outside."""
+    """Vertex indices of each triangle `[F, 3]`, anticlockwise seen from outside."""
 
     def packed(self) -> str:
         """Text with the numbers of the surface: positions as float32, compressed and in base 64."""

@@ -16,7 +16,7 @@ from jaxsph.case.data_files import read_text
 from jaxsph.errors import CaseError
 
 SUFFIXES = (".txt", ".dat")
-"""Endings of the names of MoorDyn's files."""
+"""File-name extensions of MoorDyn input files."""
 FIXED = ("fixed", "fix", "anchor")
 MOVING = ("coupled", "vessel", "coupledpinned")
 """Types of points that are fixed in the tank, and of points that move with the body."""

@@ -109,7 +109,7 @@ def make_ducts(case: Sections, leaf: Any) -> tuple[Duct, ...]:
 
 
 def _duct_law(case: Sections, section: DuctSection, leaf: Any) -> AbstractPTO:
-    """Law of the pressure drop in a duct: a turbine, or the loss behind the narrowest area."""
+    """Law of the pressure drop in a duct: a turbine, or the loss downstream of the smallest cross-section."""
     if section.pto is not None:
         return make_pto(case, section.pto, leaf)
     assert section.area is not None

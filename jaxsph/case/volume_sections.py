@@ -1,4 +1,4 @@
-"""Sections of shapes in three dimensions."""
+"""Case-file sections that describe three-dimensional shapes."""
 
 from __future__ import annotations
 

@@ -45,7 +45,8 @@ class Source(Protocol):
 
 
 def identity(text: str) -> dict[str, Any]:
-    """Values of a source by dotted name, from its TOML text; equal values mean equal sources."""
+    """Returns the values in a source's TOML text by dotted name. Two sources are equal if these values
+    are equal."""
     return _flat(tomllib.loads(text))
 
 

@@ -32,9 +32,9 @@ WIDTH = 96
 def join(place: str) -> None:
     """Connects this process to the other processes of a run; call it before JAX is first used.
 
-    **Arguments**: `place`: K/N@HOST:PORT for process K (from 0) of N, which connect at this address of
-    process 0; or auto under Slurm or MPI. **Raises** CaseError for any other text, or if the other processes
-    are not found.
+    **Arguments**: `place`: K/N@HOST:PORT, where K is the index of this process (from 0), N the number of
+    processes, and HOST:PORT the address of process 0, to which all processes connect; or auto under Slurm or
+    MPI. **Raises** CaseError for any other text, or if the other processes are not found.
     """
     known: dict[str, Any] = {}
     if place != AUTO:

@@ -26,7 +26,8 @@ from jaxsph.run.scene import places_of, scene_of
 
 
 class Start:
-    """Start of a run: the problem and its source, and the model and state from which the run continues."""
+    """Starting point of a run: problem, source, model and initial state (of a checkpoint if the run is
+    resumed)."""
 
     def __init__(
         self, source: Source, problem: Problem, model: Model | None = None, state: State | None = None
@@ -153,7 +154,7 @@ def deciding_numbers(model: Model, state: State) -> dict[str, list[float]]:
 
 
 def differences(stored: dict[str, list[float]], now: dict[str, list[float]]) -> list[str]:
-    """Differences between stored and present numbers of a run, in words; empty if there are none."""
+    """Descriptions of the differences between a run's stored and current values; empty if there are none."""
     found = []
     for name in [*stored, *(name for name in now if name not in stored)]:
         old, new = stored.get(name), now.get(name)

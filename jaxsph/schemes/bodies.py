@@ -188,7 +188,7 @@ def body_grip(
 def _slopes(
     scheme: AbstractScheme, model: Model, body: AbstractBody, motion: Any, ghosts: GhostFields
 ) -> jax.Array:
-    """Pressure (Pa) of a body's dummies per unit of each of its V accelerations, `[V, B]`."""
+    """Pressure (Pa) of the dummies per unit acceleration in each of the body's V motions, `[V, B]`."""
     rows = slice(*body.rows)
     fit = jax.tree.map(lambda a: a[rows], ghosts.fit)
     x, nodes, zero = ghosts.x[rows], ghosts.nodes[rows], jnp.zeros_like(fit.wet)

@@ -156,7 +156,7 @@ class PressureEquation(NamedTuple):
         return poisson.free * solved, residual, converged
 
     def complete(self, pressure: Float[Array, " N"]) -> Pressures:
-        """Pressures of ghosts, and accelerations and forces of bodies, for the water's pressures (Pa)."""
+        """Ghost pressures, body accelerations and body forces that result from given water pressures (Pa)."""
         p_ghosts = self.at_walls(self.poisson.shown(pressure)) + self.beyond
         accelerations, forces = [], {}
         for coupling in self.couplings:

@@ -129,7 +129,7 @@ class Brim(eqx.Module):
     def below_level(
         self, height: Float[Array, " G"], head: Float[Array, " G"], h: Scalar
     ) -> Float[Array, " G"]:
-        """Share of each node's cell that is below the level of the water that the node sees, 0 to 1.
+        """Fraction (0 to 1) of each node's cell below the level of the water seen by the node.
 
         A ghost above that level is behind a dry wall, even if its kernel reaches the water below. The level
         is found from the mean height of the water, the quantity that the particles determine most accurately.

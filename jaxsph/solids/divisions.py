@@ -270,7 +270,7 @@ class AbstractThinWall(eqx.Module):
 
     @abc.abstractmethod
     def body(self, plate: WallPlate, dx: float, layers: int) -> tuple[tuple[float, float], ...]:
-        """Extents (m) across the plate, and upwards from its tip, of the ghosts of each of `SETS`."""
+        """Extent of each ghost set in `SETS`, m: (across the plate, upwards from its tip)."""
 
     def tip_tangential(self, plate: WallPlate, dx: float, layers: int) -> float:
         """Tangential velocity of the ghosts at the plate's tip, divided by the water's (-)."""

@@ -122,11 +122,11 @@ class Ghosts(eqx.Module):
         """Builds the ghosts of a tank and of the plates, platform and solids in it, on the host.
 
         **Arguments**: `dx`: spacing, m; `slip`: slip at the tank's walls and plates; `sliding`: velocities
-        (m/s) of walls that slide in their own plane, by (axis, 0 for the low or 1 for the high end); these
-        walls drag the water only with `NoSlip`; `platform`: a raised bed at the far end of a two-dimensional
-        tank, with lengths of whole spacings; `filling`: by default `MirrorImages`; `shapes`: solids in the
-        water, which need `DummyParticles`; `fixed_shapes`: further solids, which never move. The tank's
-        ghosts behind a fixed shape belong to the shape, so that its force includes the force on them.
+        (m/s) of walls that slide in their own plane, keyed by (axis, end), where end is 0 (low) or 1 (high);
+        these walls drag the water only with `NoSlip`; `platform`: a raised bed at the far end of a
+        two-dimensional tank, with lengths of whole spacings; `filling`: by default `MirrorImages`; `shapes`:
+        solids in the water, which need `DummyParticles`; `fixed_shapes`: further solids, which never move.
+        The tank's ghosts behind a fixed shape belong to it, so that its force includes the force on them.
         **Raises** ValueError if a plate is too thin, or a sliding wall, platform or shape is not allowed.
         """
         layers = int(np.ceil(float(smoothing.radius) / dx - 0.5))

@@ -50,7 +50,7 @@ class AbstractMethod(eqx.Module):
         """Value and slope of a result; arguments and errors as for `study.derivative`."""
 
     def identity(self) -> dict[str, Any]:
-        """Settings on which the method's slopes depend, by name, as numbers, texts and lists. A search can
+        """Settings on which the method's slopes depend, by name, as numbers, strings and lists. A search can
         continue only with the method with which it began."""
         return {"method": type(self).__name__} | _told(self, "method.")
 

@@ -25,7 +25,7 @@ class OverSeas(AbstractMethod):
     method: AbstractMethod = Ensemble(members=5)
     """Method for the slope in one sea."""
     out: Path | None = None
-    """Path from which the files of the seas are named; None stores no files."""
+    """Base path of the output files, one per sea (`STEM_sea00.h5`, ...); None stores no files."""
 
     def kept(self, path):
         """See `AbstractMethod.kept`."""

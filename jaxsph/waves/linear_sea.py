@@ -202,8 +202,8 @@ def _water(
 def _of_frequency(geometry: ChamberGeometry, omega: Real, g: float) -> tuple[Complex, Complex]:
     """Flow of the open chamber per metre of amplitude (m/s), and rho0 times the admittance (s).
 
-    Flow and admittance vary smoothly. For more than `_NODES` frequencies, both are interpolated by splines
-    through `_NODES` frequencies.
+    Flow and admittance vary smoothly with frequency. For more than `_NODES` frequencies, both are
+    interpolated by splines through `_NODES` frequencies.
     """
     if len(omega) <= _NODES:
         exact = [radiation_and_scattering(geometry, float(w), g) for w in omega]

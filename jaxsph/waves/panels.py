@@ -42,8 +42,8 @@ from jaxsph.waves.section import RADIATING, Chamber, Hull, Section
 __all__ = ["MOTIONS", "Chamber", "Hull", "Hydrodynamics", "Section", "hydrodynamics"]
 
 MOTIONS = ("surge", "heave", "pitch")
-"""Motions of every hull, in order. Pitch is positive from z towards x: it moves a point at (x, z) from the
-pivot by (z, -x) per radian."""
+"""Motions of every hull, in order. Pitch is positive from z towards x: it moves a point at (x, z) relative
+to the pivot by (z, -x) per radian."""
 
 Complex = NDArray[Any]
 """Array of complex numbers."""
@@ -213,8 +213,8 @@ def _potential(boundary: Boundary, dry: NDArray, ends: list[_End], K: float, giv
 def _incident(
     section: Section, boundary: Boundary, omega: float, k: float, g: float
 ) -> tuple[NDArray, NDArray]:
-    """Potential (m2/s) of the incident wave of unit amplitude with its reflection by the end wall, and its
-    velocity (m/s) out of the water, at the nodes."""
+    """Potential (m2/s) and normal velocity out of the water (m/s) at the nodes, for an incident wave of unit
+    amplitude and its reflection from the end wall."""
     x, z = boundary.x.T
     shape = -1j * g / omega / _wave(np.zeros(1), k, section.depth)
     # d/dz of the mode is k times the mode with the opposite sign of the second exponential

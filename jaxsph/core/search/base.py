@@ -27,8 +27,8 @@ SPREADING = 1.3
 As the water spreads, more points are near the water, and every change of `Slabs.points` recompiles the step.
 """
 SPREADS_ON = 2.0
-"""Safety factor (-) used instead of `SPREADING` once the points near the water of a slab have exceeded
-`Slabs.points`."""
+"""Safety factor (-) used instead of `SPREADING` once the number of points near a slab's water has
+exceeded `Slabs.points`."""
 
 
 class Grid(eqx.Module):

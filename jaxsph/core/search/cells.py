@@ -92,7 +92,7 @@ def cell_index(x: Float[Array, "N D"], grid: Grid) -> Int[Array, "N D"]:
 
 
 def cell_key(x: Float[Array, "N D"], grid: Grid) -> Int[Array, " N"]:
-    """Number of the cell of every position (m) in the order of the grid, the last axis fastest."""
+    """Flat index of the cell that contains each position (m), in row-major order (last axis fastest)."""
     cell = cell_index(x, grid)
     key = cell[:, 0]
     for axis in range(1, len(grid.shape)):
