@@ -64,6 +64,21 @@ def test_a_damaged_program_is_made_again(folder):
         assert lowered._loaded(file.stem.removeprefix("steps-")) is not None
 
 
+def test_a_program_that_cannot_be_stored_is_tried_once(folder, monkeypatch):
+    """Later chunks of the run do not trace it again in vain."""
+    tried = []
+
+    def refused(*_):
+        tried.append(1)
+        raise ValueError("no stable form")
+
+    monkeypatch.setattr(lowered.export, "export", refused)
+    model, state, probes = _started(TANK)
+    for _ in range(2):
+        _advance(TANK, model, state, probes)
+    assert len(tried) == 1 and not list(folder.iterdir())
+
+
 @pytest.mark.parametrize("change", ["code", "case", "tables"])
 def test_a_program_belongs_to_one_version_case_and_size(folder, monkeypatch, change):
     """A change of what determines the steps makes another program."""

@@ -333,7 +333,7 @@ def announce(
 
 
 def _sweep_rows(done: Any) -> list[tuple[str, str]]:
-    """One row per member: its parameter values, and the efficiency or, if there is none, another result."""
+    """One row per member: parameter values and efficiency, or another result if there is no efficiency."""
     name = done.meanings.first(done.results) or "energy_residual_share"
     if name not in done.results:
         return []

@@ -8,10 +8,10 @@ jaxsph may have been replaced, and the key would not change.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import json
-import os
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -25,6 +25,7 @@ from jaxsph.core.programs import program_folder
 from jaxsph.model.interfaces import Model
 from jaxsph.model.probe import AbstractProbe
 from jaxsph.model.state import State
+from jaxsph.output.hdf5 import put_file
 from jaxsph.problem.source import Source
 
 LIBRARIES = ("jax", "jaxlib", "equinox")
@@ -34,8 +35,8 @@ Steps = Callable[..., tuple[State, dict[str, jax.Array]]]
 """Function of (model, state, probes, most, sample_every, n_steps) that advances a state: see
 `simulate_chunk`."""
 
-_kept: dict[str, Lowered] = {}
-"""Programs that this process has stored or loaded, by their keys."""
+_kept: dict[str, Lowered | None] = {}
+"""Programs that this process has stored or loaded, by their keys; None if a program cannot be stored."""
 _switch = {"on": False}
 
 
@@ -78,10 +79,11 @@ def advance(
     avals = [jax.typeof(leaf) for leaf in leaves]
     text = f"{key} {tree} {avals} {most} {sample_every}"
     name = hashlib.sha256(text.encode()).hexdigest()[:32]
-    program = _kept.get(name) or _loaded(name) or _made(name, steps, tree, avals, (most, sample_every))
+    if name not in _kept:
+        _kept[name] = _loaded(name) or _made(name, steps, tree, avals, (most, sample_every))
+    program = _kept[name]
     if program is None:
         return None
-    _kept[name] = program
     found = program.call(n_steps, *leaves)
     count = len(found) - len(program.readings)
     return (
@@ -118,13 +120,8 @@ def _made(name: str, steps: Steps, tree: Any, avals: list[Any], static: tuple[in
         return None  # an operation without a stable form
     if not found["alike"]:
         return None
-    path = _path(name)
-    part = path.with_suffix(f".{os.getpid()}")
-    try:
-        part.write_bytes(json.dumps(found["names"]).encode() + b"\n" + data)
-        part.replace(path)
-    except OSError:
-        pass  # the next run traces its steps again
+    with contextlib.suppress(OSError):  # the next run traces its steps again
+        put_file(_path(name), json.dumps(found["names"]).encode() + b"\n" + data)
     return Lowered(jax.jit(lowered.call), tuple(found["names"]))
 
 
