@@ -240,7 +240,7 @@ def test_spheres_beside_each_other_do_not_overlap():
                 "tank": {"length": 1.2, "depth": 0.5},
                 "solid": {"post": {"block": {"low": [0.4, 0], "high": [0.6, 0.2]}, "turned": [0, 0.1, 0]}},
             },
-            "turned belongs to a shape in three dimensions",
+            "turned is only for shapes in three dimensions",
         ),
         (
             {"solid": {"post": {"mesh": {"packed": "c3VyZmFjZQ=="}}}},

@@ -1,5 +1,8 @@
 """Sphere and upright cylinder in forced heave, 3-D: added mass and damping against linear theory.
 
+The lower edge of the cylinder is rounded, because potential flow does not separate. With a sharp edge the
+added mass is 11 % and the damping 183 % too large at T = 0.7 s (amplitude 0.02 m, dx = 0.025 m).
+
 Added mass A and damping B follow from the first harmonics of the motion and of the water's force in the last
 two periods, as in `forced_bodies`. Linear theory is computed by the panel method of capytaine (Ancellin
 and Dias 2019) in open water of the same depth. Sponge layers along all four walls absorb the waves; in
@@ -21,11 +24,12 @@ from experiments.common import Report, solved
 from experiments.verification.forced_bodies import coefficients
 from jaxsph.output.plot.style import BLUE, RED, in_style
 
-RHO, G, DEPTH, RADIUS, DRAUGHT = 1000.0, 9.81, 0.4, 0.15, 0.1
-"""Density (kg/m3), gravity (m/s2), and depth, radius of both bodies and draught of the cylinder (m)."""
+RHO, G, DEPTH, RADIUS, DRAUGHT, EDGE = 1000.0, 9.81, 0.4, 0.15, 0.1, 0.05
+"""Density (kg/m3), gravity (m/s2), depth, radius of both bodies, and draught and radius of the lower edge of
+the cylinder (m)."""
 PERIODS = {0.7: 1.6, 0.85: 2.0}
 """Periods (s), and the length and width of the tank (m) for each of them."""
-AMPLITUDE = 0.02
+AMPLITUDE = 0.01
 """Amplitude of the heave, m."""
 RAMP, SETTLE, TAKEN = 1, 1, 2
 """Numbers of periods in which the motion grows, the waves settle, and the force is evaluated."""
@@ -50,16 +54,12 @@ class Forced:
         """The case with spacing dx (m)."""
         size = PERIODS[self.T]
         middle = 0.5 * size
-        shapes: dict[str, dict[str, Any]] = {
-            "sphere": {"sphere": {"centre": [middle, middle, DEPTH], "radius": RADIUS}},
-            "cylinder": {
-                "cylinder": {
-                    "foot": [middle, middle, DEPTH - DRAUGHT],
-                    "head": [middle, middle, DEPTH + DRAUGHT],
-                    "radius": RADIUS,
-                }
-            },
-        }
+        if self.body == "sphere":
+            shape: dict[str, Any] = {"sphere": {"centre": [middle, middle, DEPTH], "radius": RADIUS}}
+        else:
+            half = [*self.profile(8), (RADIUS, DRAUGHT), (0.0, DRAUGHT)]
+            corners = np.add(half, (0.0, DEPTH)).tolist()
+            shape = {"revolution": {"profile": corners, "axis": [middle, middle]}}
         heave = {"amplitude": [0.0, 0.0, AMPLITUDE, 0.0, 0.0, 0.0], "period": self.T, "ramp": RAMP * self.T}
         return js.Case.from_dict(
             {
@@ -70,7 +70,7 @@ class Forced:
                 "scheme": {"kind": "incompressible"},
                 "tank": {"length": size, "width": size, "depth": DEPTH},
                 "sponge": dict.fromkeys(("length", "near", "sides"), 0.25 * size),
-                "body": shapes[self.body] | {"motion": heave},
+                "body": shape | {"motion": heave},
                 "output": {"sample_dt": 0.01, "snapshot_dt": self.T, "periods": TAKEN},
             }
         )
@@ -85,23 +85,35 @@ class Forced:
     def theory(self) -> np.ndarray:
         """Added mass (kg) and damping (N s/m) of linear theory.
 
-        Both are extrapolated from two panel sizes. The error is of first order at the cylinder's edge: 32
-        panels over a quarter of a turn give a damping that is 4 % too low.
+        Both are extrapolated from two panel sizes. The error of the panels at the waterline is of first
+        order: with 32 panels over a quarter of a turn the added mass of the sphere is 0.9 % too large.
         """
         return 2.0 * self._by_panels(32) - self._by_panels(16)
+
+    def profile(self, fine: int) -> np.ndarray:
+        """Corners (r, z) of half the cross-section below the waterline, from the axis to the waterline, m.
+
+        `fine`: number of chords over a quarter of a turn.
+        """
+        turn = 0.5 * np.pi * np.arange(fine + 1) / fine
+        arc = np.stack([np.sin(turn), -np.cos(turn)], 1)
+        if self.body == "sphere":
+            return RADIUS * arc
+        inner, side = RADIUS - EDGE, np.arange(1, fine + 1) / fine
+        flat = np.stack([inner * np.arange(fine) / fine, np.full(fine, -DRAUGHT)], 1)
+        wall = np.stack([np.full(fine, RADIUS), -(DRAUGHT - EDGE) * (1.0 - side)], 1)
+        return np.concatenate([flat, (inner, EDGE - DRAUGHT) + EDGE * arc, wall])
 
     def _by_panels(self, fine: int) -> np.ndarray:
         """Added mass (kg) and damping (N s/m), with `fine` panels over a quarter of a turn."""
         import capytaine
 
         capytaine.set_logging("ERROR")
-        if self.body == "sphere":
-            mesh = capytaine.mesh_sphere(radius=RADIUS, resolution=(2 * fine, 4 * fine))
-        else:
-            mesh = capytaine.mesh_vertical_cylinder(
-                radius=RADIUS, length=2.0 * DRAUGHT, resolution=(fine // 2, 2 * fine, fine)
-            )
-        body = capytaine.FloatingBody(mesh=mesh.immersed_part())
+        r, z = self.profile(fine).T
+        # capytaine sorts the points by height: the flat bottom gets an inclination of 1e-9
+        points = np.stack([r, np.zeros_like(r), z + 1e-9 * r], 1)
+        mesh = capytaine.RotationSymmetricMesh.from_profile_points(points, n=4 * fine)
+        body = capytaine.FloatingBody(mesh=mesh)
         body.add_translation_dof(name="Heave")
         problem = capytaine.RadiationProblem(
             body=body, radiating_dof="Heave", omega=self.omega, water_depth=DEPTH, rho=RHO, g=G

@@ -37,7 +37,7 @@ def check(given: Any) -> list[tuple[str, str]]:
             ("incident power", f"{incident_power(source):.4g} W per metre of width"),
         ]
     search = model.search
-    seconds = steps * (n + ghosts) * model.scheme.cost(dx, dim)
+    seconds = steps * (n + model.walls.filling.effort * ghosts) * model.scheme.cost(dx, dim)
     return [
         *rows,
         ("neighbours", f"{search.capacity} slots, searched every {search.rebuild_every} steps"),

@@ -95,7 +95,7 @@ class Processes:
             lost = others[0] if len(others) == 1 else "one of " + ", ".join(others)
             remedy = "" if path is None else f"; continue from the last checkpoint with jaxsph resume {path}"
             raise SimulationError(
-                f"process {lost} has ended, which stops the run that it shared{remedy}"
+                f"process {lost} has ended, so the run that the processes shared cannot go on{remedy}"
             ) from error
 
 

@@ -46,8 +46,8 @@ def _check(model: Model, n_steps: int, sample_every: int | None) -> int:
     sample_every = every if sample_every is None else sample_every
     if n_steps % sample_every or sample_every % every:
         raise ValueError(
-            f"n_steps = {n_steps} must be a multiple of sample_every = {sample_every}, and sample_every of "
-            f"the model's rebuild_every = {every}"
+            f"n_steps = {n_steps} and sample_every = {sample_every} do not fit: sample_every must be a "
+            f"multiple of {every}, the model's rebuild_every, and n_steps a multiple of sample_every"
         )
     return sample_every
 
