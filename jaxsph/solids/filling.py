@@ -52,7 +52,7 @@ class AbstractFilling(eqx.Module):
     least: eqx.AbstractClassVar[float]
     """Lower bound of a node's kernel sum of V W in a full tank (-)."""
     effort: ClassVar[float] = 1.0
-    """Computing time of a ghost divided by that of a water particle (-); accurate to 50 %."""
+    """Computing time of a ghost divided by that of a water particle (-)."""
 
     @abc.abstractmethod
     def nodes(self, ghosts: np.ndarray, mirrored: np.ndarray) -> np.ndarray:
