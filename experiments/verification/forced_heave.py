@@ -128,7 +128,7 @@ BODIES = ("sphere", "cylinder")
 def main(dx: float = 0.025, T: float = 0.7) -> None:
     """Runs both bodies with the period T (s), one of `PERIODS`."""
     if T not in PERIODS:
-        raise ValueError(f"T = {T:g} s must be {' or '.join(map(str, PERIODS))} s: each has a tank of its own")
+        raise ValueError(f"T = {T:g} s must be {' or '.join(map(str, PERIODS))} s: each has its own tank")
     title = f"Sphere and cylinder in forced heave, T = {T:g} s, 3-D: added mass and damping"
     with Report(f"forced_heave_{dx:g}_{T:g}", title, dx) as report:
         report.seconds, forces = 0.0, {}
