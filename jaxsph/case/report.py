@@ -10,7 +10,6 @@ from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import incident_power
 from jaxsph.case.sections import Sections
 from jaxsph.case.speeds import wavenumber
-from jaxsph.model.interfaces import Model
 from jaxsph.problem.sources import source_of
 
 
@@ -20,7 +19,7 @@ def check(given: Any) -> list[tuple[str, str]]:
     source = source_of(given)
     problem = source.problem()
     model, dx = problem.model, float(problem.model.dx)
-    n, ghosts = len(problem.state.particles.id), model.walls.count
+    n, ghosts, dim = len(problem.state.particles.id), model.walls.count, len(model.g)
     steps = int(np.ceil(problem.t1 / float(model.dt) - 1e-3))
     about = f"{problem.name}: {problem.description}" if problem.description else problem.name
     rows = [
@@ -38,18 +37,13 @@ def check(given: Any) -> list[tuple[str, str]]:
             ("incident power", f"{incident_power(source):.4g} W per metre of width"),
         ]
     search = model.search
-    seconds = steps * step_time(model, n)
+    costly = n + model.walls.filling.effort * ghosts
+    seconds = steps * costly * model.scheme.cost(dx, dim)
     return [
         *rows,
         ("neighbours", f"{search.capacity} slots, searched every {search.rebuild_every} steps"),
         ("wall time", f"about {in_time(seconds)} on one core of a current CPU"),
     ]
-
-
-def step_time(model: Model, n: int) -> float:
-    """Computing time of a step with `n` water particles, s, on one core of a current CPU, within 60 %."""
-    costly = n + model.walls.filling.effort * model.walls.count
-    return costly * model.scheme.cost(float(model.dx), len(model.g))
 
 
 def in_time(seconds: float) -> str:

@@ -91,7 +91,8 @@ class AbstractScheme(eqx.Module):
 
     @abc.abstractmethod
     def cost(self, dx: float, dim: int) -> float:
-        """Computing time of a step per water particle, s, on one core of a current CPU, within 60 %.
+        """Computing time of a step per water particle, s, on one core of a current CPU, accurate to
+        50 % in most cases.
 
         Ghosts add the share `AbstractFilling.effort` of this time.
 

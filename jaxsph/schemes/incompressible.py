@@ -162,9 +162,9 @@ class ISPH(AbstractParticleScheme):
         return f"incompressible, speeds up to {float(self.speed):.3g} m/s"
 
     def cost(self, dx, dim):
-        """See `AbstractScheme.cost`: 2.2 us plus 30 ns per neighbour in two dimensions and 70 ns in three,
+        """See `AbstractScheme.cost`: 2.2 us plus 30 ns per neighbour in two dimensions and 62 ns in three,
         including the solver's iterations; measured with and without bodies."""
-        return 2.2e-6 + (30e-9 if dim == 2 else 70e-9) * self.neighbours(dx, dim)
+        return 2.2e-6 + (30e-9 if dim == 2 else 62e-9) * self.neighbours(dx, dim)
 
     def fastest(self, dt):
         """See `AbstractScheme.fastest`: 0.6 spacings in a time step."""
