@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.spatial import KDTree
 
-from jaxsph.core.arrays import columns
+from jaxsph.core.arrays import columns, on_device
 from jaxsph.core.pairs import Smoothing
 from jaxsph.core.search.base import AbstractSearch, Grid, needed_capacity
 from jaxsph.core.search.cells import Cells, grid_over
@@ -95,7 +95,7 @@ def assemble(
     n, dim = _checked(x, u, p, scheme, walls, dx)
 
     def leaf(a: Any) -> jax.Array:
-        return jnp.asarray(a, dtype)
+        return on_device(a, dtype)
 
     m = float(scheme.rho0) * np.broadcast_to(dx**dim if volume is None else volume, n)
     g = np.zeros(dim) if g is None else np.array(g, float)
@@ -145,11 +145,11 @@ def _particles(x: np.ndarray, u: np.ndarray, m: np.ndarray, dtype: np.dtype) -> 
     pressure."""
     zero = jnp.zeros(len(x), dtype)
     return Particles(
-        x=jnp.asarray(x, dtype),
-        x_carry=jnp.asarray(x - np.asarray(x, dtype), dtype),
-        u=jnp.asarray(u, dtype),
+        x=on_device(x, dtype),
+        x_carry=on_device(x - np.asarray(x, dtype), dtype),
+        u=on_device(u, dtype),
         rho=zero,
-        m=jnp.asarray(m, dtype),
+        m=on_device(m, dtype),
         id=jnp.arange(len(x), dtype=jnp.int32),
         p=zero,
         p_mean=zero,
@@ -223,7 +223,7 @@ def _search(
         found["node_capacity"] = needed_capacity(nodes)
         found["chamber_capacity"] = 1
         for chamber in chambers:
-            count = _candidate_count(chamber, columns(jnp.asarray(x, walls.x.dtype)), skin)
+            count = _candidate_count(chamber, columns(on_device(x, walls.x.dtype)), skin)
             found["chamber_capacity"] = max(found["chamber_capacity"], int(1.5 * int(count)) + 32)
         found["rebuild_every"] = block
     return Search(
@@ -248,7 +248,7 @@ def _fullest(walls: Ghosts, x: np.ndarray, grid: Grid, radius: float, skin: floa
     **Arguments**: positions x (m) of the water; `radius` of the kernel's support and margin `skin`, m.
     """
     kind, sees = region_bits(walls.regions, x, walls.x.dtype)
-    images, there = _first_images(walls.images, jnp.asarray(x, walls.x.dtype), radius, skin)
+    images, there = _first_images(walls.images, on_device(x, walls.x.dtype), radius, skin)
     behind, at_nodes = walls.kind[: len(there)], walls.at_nodes
     sources = np.concatenate([x, np.asarray(images, float)[there], np.asarray(walls.x, float)[at_nodes]])
     kinds = np.concatenate([kind, np.asarray(behind)[there], np.asarray(walls.kind)[at_nodes]])

@@ -30,6 +30,7 @@ from jaxsph.case.parts import (
 from jaxsph.case.scheme import make_scheme, stable_time_step
 from jaxsph.case.sections import Sections
 from jaxsph.case.speeds import search_speed
+from jaxsph.core.arrays import on_device
 from jaxsph.core.points import at_points
 from jaxsph.core.search import jax_md
 from jaxsph.core.search.base import AbstractSearch
@@ -70,7 +71,7 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
     geometry = Geometry.of(case)
 
     def leaf(a: Any) -> jax.Array:
-        return jnp.asarray(a, dtype)
+        return on_device(a, dtype)
 
     check_memory(case, geometry)
     scheme = make_scheme(case, make_background(case, geometry, leaf))

@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-__all__ = ["Array", "Bool", "Components", "Float", "Int", "Scalar", "columns", "dot", "real", "stack"]
+__all__ = [
+    "Array",
+    "Bool",
+    "Components",
+    "Float",
+    "Int",
+    "Scalar",
+    "columns",
+    "dot",
+    "on_device",
+    "real",
+    "stack",
+]
 
 Scalar: TypeAlias = Float[Array, ""]
 """A real number as an array without dimensions."""
@@ -29,6 +42,14 @@ def real(value: ArrayLike) -> Float[Array, "..."]:
         return jnp.asarray(float(value))
     array = jnp.asarray(value)
     return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
+
+
+def on_device(value: ArrayLike | Sequence[Any], dtype: Any) -> jax.Array:
+    """Array on the device of a value on the host, in its unit.
+
+    The host converts it to `dtype`; `jnp.asarray` would load a program for every shape at every start.
+    """
+    return jax.device_put(np.asarray(value, dtype))
 
 
 def columns(vector: Float[Array, "N D"]) -> Components:

@@ -10,6 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxsph.core.arrays import on_device
+
 
 def at_points(law: Callable[[jax.Array], Any], x: np.ndarray, dtype: Any = jnp.float32) -> Any:
     """Values `[N, ...]` of `law`, in the law's unit, at points x `[N]` or `[N, D]` on the host.
@@ -21,7 +23,7 @@ def at_points(law: Callable[[jax.Array], Any], x: np.ndarray, dtype: Any = jnp.f
     count = len(x)
     padded = np.zeros((1 << max(count - 1, 0).bit_length(), *x.shape[1:]))
     padded[:count] = x
-    return jax.tree.map(lambda a: np.asarray(a)[:count], _values(law, jnp.asarray(padded, dtype)))
+    return jax.tree.map(lambda a: np.asarray(a)[:count], _values(law, on_device(padded, dtype)))
 
 
 @eqx.filter_jit

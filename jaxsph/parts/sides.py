@@ -10,7 +10,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.core.arrays import Array, Components, Float, Scalar
+from jaxsph.core.arrays import Array, Components, Float, Scalar, on_device
 from jaxsph.solids.shapes import outline_distance
 
 __all__ = ["AbstractSides", "Face", "Plan", "Sides"]
@@ -110,7 +110,7 @@ class Sides(AbstractSides):
             x, heights = np.asarray(face, float).T
             return np.interp(z, heights, x)
 
-        leaves = (jnp.asarray(a, dtype) for a in (z, at(front), at(back)))
+        leaves = (on_device(a, dtype) for a in (z, at(front), at(back)))
         return cls(*leaves, start=int(np.searchsorted(z, start)))
 
     def at(self, z: Array) -> tuple[Array, Array]:

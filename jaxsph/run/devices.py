@@ -156,7 +156,7 @@ def gather(state: State, count: int) -> State:
 
 def unshare(state: State, count: int) -> State:
     """State on one device, with the first `count` particles only."""
-    return jax.tree.map(lambda a: jnp.asarray(np.asarray(a)), gather(state, count))
+    return jax.tree.map(lambda a: jax.device_put(np.asarray(a)), gather(state, count))
 
 
 def _filled_up(p: Particles, more: int) -> Particles:
@@ -172,9 +172,8 @@ def _filled_up(p: Particles, more: int) -> Particles:
 
 def _sizes(model: Model, state: State, devices: int) -> tuple[int, int]:
     """Largest numbers of particles in a halo and of points in a slab, with a reserve for later steps."""
-    grid = model.search.grid
-    cell = np.asarray(_cell_index(state.particles.x, grid))[:, 0]
-    columns = np.bincount(cell, minlength=grid.shape[0])
+    cell = np.asarray(_first_cells(model, state)[0])
+    columns = np.bincount(cell, minlength=model.search.grid.shape[0])
     # a halo reaches over whole columns of cells and one column that the slab's edge cuts
     halo = np.convolve(columns, np.ones(WIDTH + 1, int)).max()
     return min(needed_capacity(int(halo)), len(cell) // devices), _points(model, state, devices)
@@ -186,24 +185,31 @@ def _points(model: Model, state: State, devices: int) -> int:
     On one device this number is 0, which means all points, unless many points are away from the water, as in
     the tank of a dam break.
     """
-    grid, x = model.search.grid, state.particles.x
-    ghosts, nodes = _walls_at(model, state.parts)
-    cell = np.asarray(_cell_index(x, grid))[:, 0]
+    cell, ghosts, nodes = (np.asarray(cells) for cells in _first_cells(model, state))
     edges = np.sort(cell)[:: len(cell) // devices][1:devices]
 
-    def fullest(points: np.ndarray) -> int:
-        at = np.asarray(_cell_index(points, grid))[np.asarray(_beside(x, points, grid)), 0]
-        return int(np.bincount(np.searchsorted(edges, at, side="right"), minlength=1).max())
+    def fullest(cells: np.ndarray) -> int:
+        slab = np.searchsorted(edges, cells[cells >= 0], side="right")
+        return int(np.bincount(slab, minlength=1).max())
 
-    nodes = np.asarray(nodes)[model.walls.at_nodes]
-    around = (np.asarray(ghosts)[slice(*wall.rows)] for wall in model.moving)
+    nodes = nodes[model.walls.at_nodes]
+    around = (ghosts[slice(*wall.rows)] for wall in model.moving)
     points = needed_capacity(max(map(fullest, (nodes, *around))), SPREADING)
-    if devices == 1 and len(nodes) - points < WORTH_SPARING * len(x):
+    if devices == 1 and len(nodes) - points < WORTH_SPARING * len(cell):
         return 0
     return points
 
 
-# compiled as a whole, because each operation would otherwise be a separate program to load at every start
-_beside = jax.jit(beside, static_argnums=2)
-_cell_index = jax.jit(cell_index, static_argnums=1)
-_walls_at = eqx.filter_jit(Model.walls_at)
+@eqx.filter_jit  # one program, because every program has to be loaded at every start
+def _first_cells(model: Model, state: State) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Indices along the tank of the cells of all particles, ghosts and ghosts' nodes.
+
+    The index of a ghost or node away from the water is -1.
+    """
+    x, grid = state.particles.x, model.search.grid
+
+    def cells(points: jax.Array) -> jax.Array:
+        return jnp.where(beside(x, points, grid), cell_index(points, grid)[:, 0], -1)
+
+    ghosts, nodes = model.walls_at(state.parts)
+    return cell_index(x, grid)[:, 0], cells(ghosts), cells(nodes)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import KDTree
 from scipy.special import gamma
 
-from jaxsph.core.arrays import Array, Float, Scalar
+from jaxsph.core.arrays import Array, Float, Scalar, on_device
 from jaxsph.core.kernels import AbstractKernel
 from jaxsph.core.pairs import Smoothing
 from jaxsph.core.points import at_points
@@ -124,7 +124,7 @@ class Brim(eqx.Module):
             if here.any():
                 heights[here] = _mean_heights(nodes[here], fine, mask, smoothing, water.side)
         found = (np.maximum(full, least), *heights.T, np.asarray(water.side))
-        return cls(*(jnp.asarray(a, dtype) for a in found))
+        return cls(*(on_device(a, dtype) for a in found))
 
     def below_level(
         self, height: Float[Array, " G"], head: Float[Array, " G"], h: Scalar

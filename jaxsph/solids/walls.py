@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.core.arrays import Array, Components, Float, Int, columns, dot, stack
+from jaxsph.core.arrays import Array, Components, Float, Int, columns, dot, on_device, stack
 from jaxsph.core.pairs import (
     Pair,
     Period,
@@ -146,20 +146,20 @@ class Ghosts(eqx.Module):
         told = isinstance(filling, DummyParticles) & ~np.isin(owner, 1 + np.arange(len(shapes)))
         full = Full(box, regions, every, dx, (2 * layers - 1) * dx)
         return cls(
-            x=jnp.asarray(ghosts.x, dtype),
-            node=jnp.asarray(ghosts.node, dtype),
-            mirror=jnp.asarray(ghosts.mirror, dtype),
-            shear=jnp.asarray(_shear(ghosts, owner, slip), dtype),
+            x=on_device(ghosts.x, dtype),
+            node=on_device(ghosts.node, dtype),
+            mirror=on_device(ghosts.mirror, dtype),
+            shear=on_device(_shear(ghosts, owner, slip), dtype),
             brim=Brim.of(ghosts.node[at], node_sees[at], told[at], full, smoothing, filling.least, dtype),
-            volume=jnp.asarray(ghosts.volume, dtype),
-            kind=jnp.asarray(ghosts.kind, jnp.int32),
-            node_sees=jnp.asarray(node_sees, jnp.int32),
+            volume=on_device(ghosts.volume, dtype),
+            kind=on_device(ghosts.kind, jnp.int32),
+            node_sees=on_device(node_sees, jnp.int32),
             regions=regions,
             paddle=(0, int(ghosts.moves.sum())) if ghosts.moves.any() else (),
             low=box.low,
             high=box.high,
             sides=box.sides,
-            sliding=jnp.asarray(sliding_velocity(ghosts.x, box, sliding or {}), dtype),
+            sliding=on_device(sliding_velocity(ghosts.x, box, sliding or {}), dtype),
             filling=filling,
             dummies=_rows(parts),
             images=images,
