@@ -1,7 +1,7 @@
-"""Pages of the documentation that are made from the project itself, and its formulas as MathML.
+"""Pages of the documentation that are generated from code and results, and formulas as MathML.
 
-MkDocs calls the `on_*` functions. What is made: the keys of a case, commands, results, public names, examples
-and evidence, so that none of them can differ from the program.
+MkDocs calls the `on_*` functions. The pages on keys of a case, commands, results, public names, examples and
+evidence are generated, so that they cannot differ from the program.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import typer
 from mkdocs.structure.files import File
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT))  # the experiments are no part of the installed package
+sys.path.insert(0, str(ROOT))  # the experiments are not part of the installed package
 
 import jaxsph  # noqa: E402
 from experiments import __main__ as experiments  # noqa: E402
@@ -35,11 +35,11 @@ ABOUT = {
     "studies": "what the method does, and what it depends on",
     "benchmarks": "time and memory",
 }
-"""Folders of the experiments, and what each holds."""
+"""Folders of the experiments, and what each contains."""
 
 
 def on_files(files, config):
-    """Adds the pages that are made, and the pictures that they show."""
+    """Adds the generated pages, and the pictures that they show."""
     made = {
         "reference/keys.md": keys_page(),
         "reference/commands.md": commands_page(),
@@ -58,8 +58,8 @@ def on_files(files, config):
 
 
 def on_page_markdown(markdown, page, config, files):
-    """Shows examples where they are named, and the present numbers; links to files outside docs lead to the
-    pages made of them."""
+    """Inserts examples where they are named, and the present numbers; leads links to files outside docs to
+    the pages generated from these files."""
     markdown = prose.renewed(f"docs/{page.file.src_uri}", markdown, prose.Results(), sentences.PROSE)
     markdown = re.sub(r"<!-- example: (\w+) -->", lambda found: _fenced(found[1]), markdown)
     up = "../" * page.file.src_uri.count("/")
@@ -73,7 +73,7 @@ def on_page_markdown(markdown, page, config, files):
 
 
 def on_page_content(content, page, config, files):
-    """Formulas become MathML, which browsers draw without a script."""
+    """Converts formulas to MathML, which browsers draw without a script."""
 
     def mathml(found):
         block = found[1] == "div"
@@ -86,7 +86,7 @@ def on_page_content(content, page, config, files):
 
 
 def _bold(found: re.Match[str]) -> str:
-    """Bold letter as a character of its own: browsers know no other."""
+    """Bold letter as a separate Unicode character, because browsers draw no other bold letters in MathML."""
     letter = chr(int(found[1], 16)) if found[1] else found[2]
     for first, last, bold in (("a", "z", 0x1D41A), ("A", "Z", 0x1D400), ("\u0391", "\u03a9", 0x1D6A8)):
         if first <= letter <= last:
@@ -101,9 +101,9 @@ def keys_page() -> str:
     """Every key of a case file, by section."""
     parts = [
         "# Keys of a case\n",
-        "All values are in SI units. What a key may be follows from its class in `jaxsph/case`; lengths and "
-        "times are checked against each other when a case is read. `jaxsph new NAME` writes a file with all "
-        "of them as comments.\n",
+        "All values are in SI units. The allowed values of a key are defined in `jaxsph/case`; lengths and "
+        "times are also checked against each other when a case is read. `jaxsph new NAME` writes a case file "
+        "that contains all keys, as comments.\n",
         "## Top level\n",
         _key_table([key for key in keys_of(Sections)]),
     ]
@@ -115,7 +115,7 @@ def keys_page() -> str:
 
 
 def _key_table(keys: list[Key]) -> str:
-    rows = ["| key | may be | default | meaning |", "|---|---|---|---|"]
+    rows = ["| key | allowed values | default | meaning |", "|---|---|---|---|"]
     for key in keys:
         default = f"`{key.default}`" if key.default else ""
         rows.append(f"| `{key.name}` | {key.allowed} | {default} | {_cell(key.meaning)} |")
@@ -127,11 +127,11 @@ def _cell(text: str) -> str:
 
 
 def commands_page() -> str:
-    """Every command with its arguments and options, as the program itself says them."""
-    parts = ["# Command line\n", "`jaxsph COMMAND --help` says the same in a terminal.\n"]
+    """Every command with its arguments and options, with the help texts of the program."""
+    parts = ["# Command line\n", "`jaxsph COMMAND --help` prints these texts in a terminal.\n"]
     for name, command in typer.main.get_command(app).commands.items():
         parts += [f"## jaxsph {name}\n", (command.help or "").strip() + "\n"]
-        parts += ["| argument or option | what it is |", "|---|---|"]
+        parts += ["| argument or option | meaning |", "|---|---|"]
         for one in command.params:
             if one.name == "help":
                 continue
@@ -144,34 +144,37 @@ def commands_page() -> str:
 
 
 def results_page() -> str:
-    """Scalars that a run ends with, and its readings over time."""
+    """Scalar results of a run, and its readings over time."""
     parts = [
         "# Results and readings\n",
-        "A run's file holds its readings over time in the group `series`, each with its unit and its long "
-        "name, and the results below, which its page and its table show. Energies and powers of "
-        "two-dimensional cases are per metre of width.\n",
+        "The file of a run contains the readings over time in the group `series`, each with its unit and "
+        "description, and the results below, which the terminal and the page of the run also show. Energies "
+        "and powers of two-dimensional cases are per metre of width.\n",
         "## Results\n",
         "| name | result | unit (2-D) | meaning |",
         "|---|---|---|---|",
     ]
     parts += [f"| `{n}` | {one.text.strip()} | {one.unit} | {one.meaning} |" for n, one in LABELS.items()]
     parts.append(
-        "\nOf what swings in regular waves: `amplitude_NAME`, `mean_NAME`, `rao_NAME`, the first harmonic, "
-        "the mean and the first harmonic over the waves' amplitude "
-        "([what comes out](../cases.md#what-comes-out)); `linear_RESULT` is linear theory's value of it.\n"
+        "\nQuantities that oscillate in regular waves have further results: `amplitude_NAME` is the "
+        "amplitude of the first harmonic, `mean_NAME` the mean, and `rao_NAME` the amplitude divided by the "
+        "wave amplitude ([what comes out](../cases.md#what-comes-out)). `linear_RESULT` is the value of "
+        "RESULT by linear theory.\n"
     )
     parts += ["\n## Readings over time\n", "| name | reading |", "|---|---|"]
     parts += [f"| `{name}` | {title} |" for name, title in PANELS.items()]
-    parts.append("\nOf two chambers or bodies each reading's name ends in that of its part.\n")
+    parts.append(
+        "\nWith several chambers or bodies, the name of a reading ends in the name of its chamber or body.\n"
+    )
     return "\n".join(parts)
 
 
 def api_page() -> str:
-    """Public names by the room that they are from, with what their docstrings say."""
+    """Public names by subpackage, with their docstrings."""
     parts = [
         "# Python\n",
-        "The public names, all of them in `import jaxsph as js`. First lines of docstrings name the quantity "
-        "with its unit; shapes are in brackets: `[N, D]` is N particles in D dimensions.\n",
+        "All public names are available after `import jaxsph as js`. The first line of a docstring names the "
+        "quantity with its unit. Shapes are in brackets: `[N, D]` means N particles in D dimensions.\n",
     ]
     for room, names in jaxsph._ROOMS.items():
         parts.append(f"## {room}\n")
@@ -180,7 +183,7 @@ def api_page() -> str:
 
 
 def examples_page() -> str:
-    """Examples, each the text of its file."""
+    """Examples, with the complete text of each file."""
     parts = ["# Examples\n", "Short scripts to copy, from the folder `examples`; a test runs each of them.\n"]
     for path in sorted((ROOT / "examples").glob("*.py")):
         parts += [f"## {path.stem}\n", _fenced(path.stem) + "\n"]
@@ -196,7 +199,7 @@ def _fenced(example: str) -> str:
 
 
 def evidence_pages() -> dict[str, str]:
-    """Committed results, a page for each folder of experiments: bars, values, pictures, commands."""
+    """Committed results, a page for each folder of experiments: limits, values, pictures, commands."""
     of = {name: path.parent.name for name, path in experiments.experiments().items()}
     found = {folder: [] for folder in ABOUT}
     for one in experiments.results():
@@ -208,10 +211,10 @@ def evidence_pages() -> dict[str, str]:
 def _evidence_index(found: dict[str, list]) -> str:
     parts = [
         "# Evidence\n",
-        "Every number here was printed by the command beside it and is committed with the project; these "
-        "pages are made from it. A row has the bar that it was held against, and says where it misses it. "
-        "The [table of checks](../checks.md) puts them in order.\n",
-        "| | experiments | rows | with a bar | outside it |",
+        "These pages are generated from the committed results. The command above each table printed its "
+        "values. A row gives the limit of the check; a value outside its limit is bold and marked MISSED. "
+        "The [table of checks](../checks.md) orders the checks by subject.\n",
+        "| | experiments | rows | rows with a limit | outside their limits |",
         "|---|---|---|---|---|",
     ]
     for folder, results in found.items():
@@ -231,7 +234,7 @@ def _evidence_page(folder: str, results: list[dict]) -> str:
             f"## {heading}\n",
             f"`{one['command']}` ({one['seconds'] / 60:.1f} min; {one['machine']})\n",
         ]
-        parts += ["| check | here | theory | paper | bar | |", "|---|---|---|---|---|---|"]
+        parts += ["| check | here | theory | paper | limit | |", "|---|---|---|---|---|---|"]
         for row in one["rows"]:
             value = shown(row["here"], row["unit"])
             value = f"**{value}**" if row["passes"] is False else value

@@ -7,8 +7,8 @@
     python -m experiments gallery              writes experiments/README.md, with a picture and a line for
                                                each experiment, and the numbers in the README and docs/
 
-A row is flagged `MISSED` if it is outside its bar, and `worse than the paper` if the paper's value is nearer
-to theory.
+A row is flagged `MISSED` if its value is outside its limit (the column `bar`), and `worse than the paper` if
+the paper's value is nearer to theory.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ GALLERY = Path(__file__).parent / "README.md"
 FOLDERS = ("verification", "validation", "studies", "benchmarks")
 INTRODUCTION = """# Experiments
 
-Measured results, written from the committed results by `python -m experiments gallery`;
-`python -m experiments table` prints every row with theory, paper and bar. The command of a section reproduces
-its rows and picture in `runs/results`. Runs are kept in `runs/` and continue from where they were
-interrupted. With `--commit` at the end, the command renews the results shown here. Times are for processes
-that share two cores with other processes.
+Measured results. `python -m experiments gallery` writes this page from the committed results;
+`python -m experiments table` prints every row with its limit (`bar`) and with the values of theory and paper.
+The command of a section repeats the experiment, and writes its rows and picture into `runs/results`. Runs are
+kept in `runs/`; an interrupted run is continued. With `--commit` appended, the command replaces the results
+shown here. Times were measured on two cores shared with other processes.
 """
 
 app = typer.Typer(
@@ -60,7 +60,7 @@ app = typer.Typer(
 def run(
     context: typer.Context,
     name: Annotated[str, typer.Argument()] = "--help",
-    commit: Annotated[bool, typer.Option("--commit", help="Write into experiments/results instead.")] = False,
+    commit: Annotated[bool, typer.Option("--commit", help="Write into experiments/results.")] = False,
 ) -> None:
     """Runs one experiment and writes rows and pictures into runs/results; without a NAME lists the names."""
     if name == "--help":
@@ -74,10 +74,10 @@ def run(
 
 @app.command()
 def table(
-    names: Annotated[list[str] | None, typer.Argument(help="all by default")] = None,
+    names: Annotated[list[str] | None, typer.Argument(help="Beginnings of names; default: all.")] = None,
     own: Annotated[bool, typer.Option("--own", help="Rows of your own runs, in runs/results.")] = False,
 ) -> None:
-    """Prints the rows of the named experiments, and how many of them miss their bars."""
+    """Prints the rows of the named experiments, and how many of them are outside their limits."""
     missed = total = 0
     for found in results(names, OWN if own else COMMITTED):
         print(f"\n{_heading(found)}\n  {found['command']}  ({found['seconds']:.0f} s; {found['machine']})")
@@ -94,7 +94,7 @@ def table(
 
 @app.command()
 def again(
-    names: Annotated[list[str] | None, typer.Argument(help="all by default")] = None,
+    names: Annotated[list[str] | None, typer.Argument(help="Beginnings of names; default: all.")] = None,
     folder: Annotated[Path, typer.Option(help="Folder for runs and rows.")] = Path("runs/again"),
     commit: Annotated[bool, typer.Option("--commit", help="Copies the rows to experiments/results.")] = False,
 ) -> None:

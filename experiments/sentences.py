@@ -408,7 +408,7 @@ PROSE = (
         (SLOPES,),
     ),
     Sentence(
-        "{:.1f} times the time of the steps; in reverse mode {:.1f} times, and {:.0f} GB for a wave period",
+        "| {:.1f} times one run; in reverse mode {:.1f} times, and {:.0f} GB of memory for a wave period",
         lambda r: (
             r("bench_slopes", "value and slope, exact: time over the run's"),
             r("bench_slopes", "reverse mode of one wave period: time over the run's"),

@@ -1,4 +1,4 @@
-"""Entry point of the command line; it sets the handler of Ctrl-C before the slow imports begin."""
+"""Entry point of the command line; it sets the handler for Ctrl-C before the slow imports begin."""
 
 import gc
 import os

@@ -12,19 +12,19 @@ class JaxsphError(Exception):
 
 
 class CaseError(JaxsphError):
-    """Error of a case that cannot be run: names the field, its value, and what is allowed."""
+    """Raised if a case cannot be run; the message names the field, its value, and what is allowed."""
 
 
 class FileError(JaxsphError):
-    """Error of a file that cannot be read or written: names the file and the remedy."""
+    """Raised if a file cannot be read or written; the message names the file and the remedy."""
 
 
 class DerivativeError(JaxsphError):
-    """Error of an unreliable derivative: gives the time up to which it is reliable, and another method."""
+    """Raised if a derivative is unreliable; for a single run the message gives the time and the remedy."""
 
 
 class SimulationError(JaxsphError):
-    """Error of a run that had to stop; the run's last good checkpoint stays in the file."""
+    """Raised if a run had to stop; the file of the run, if any, keeps the last good checkpoint."""
 
     step: int | None
     """Number of the step of the first failure."""

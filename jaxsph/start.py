@@ -18,11 +18,12 @@ ENOUGH = 0.8
 
 
 def prepare_jax() -> None:
-    """Turns on JAX's compilation cache for later starts, and limits the compiler's log to fatal errors.
+    """Turns on JAX's compilation cache, and limits the compiler's log to fatal errors.
 
-    Programs are cached in the user's cache folder, however short their compilation is. The environment
-    variable JAX_COMPILATION_CACHE_DIR sets another folder, and JAX_ENABLE_COMPILATION_CACHE=0 turns the cache
-    off. A folder that a program has already set in JAX, and an existing TF_CPP_MIN_LOG_LEVEL, are kept.
+    All compiled programs, even those that compile quickly, are stored in the user's cache folder for later
+    starts. The environment variable JAX_COMPILATION_CACHE_DIR sets another folder, and
+    JAX_ENABLE_COMPILATION_CACHE=0 turns the cache off. A folder that a program has already set in JAX, and an
+    existing TF_CPP_MIN_LOG_LEVEL, are kept.
     """
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     if "JAX_COMPILATION_CACHE_DIR" in os.environ:

@@ -237,12 +237,15 @@ def test_a_curve_of_one_direction_is_mirrored():
     [
         (
             {"pto.curve": [[0.0, 0.0], [0.1, 500.0], [0.2, 400.0]]},
-            r"the point \(0.1 m2/s, 500 Pa\) is followed by",
+            r"the point \(q = 0.1, P_a = 500 Pa\) is followed by",
         ),
         ({"pto.curve": [[0.1, 500.0], [0.2, 900.0]]}, r"must contain the point \(0, 0\)"),
         ({"pto": {"P_a": 10.0, "relief": 20.0}}, "relief and pto.suction belong to a turbine"),
         ({"pto": {"K_dm": 1.0, "resistance": 2.0}}, "exactly one of"),
-        ({"air.volume": 0.005}, r"air.volume = 0.005 m2: waves .* may fill the chamber; at least 0.0\d+ m2"),
+        (
+            {"air.volume": 0.005},
+            r"air.volume = 0.005 m2: waves .* may fill the chamber; .* needs at least 0.0\d+ m2",
+        ),
         ({"air.volume": 0.5, "pto.P_a": 10.0}, r"air: compressible air needs a turbine"),
         ({"air": {"gamma": 1.4}}, r"air.volume: is missing \(Volume"),
     ],
@@ -260,6 +263,24 @@ def test_a_curve_comes_from_a_file_beside_the_case(tmp_path):
     assert js.load_case(tmp_path / "own.toml").pto.curve == ((0.0, 0.0), (0.1, 500.0), (0.2, 1500.0))
     (tmp_path / "turbine.csv").write_text("q (m2/s),P_a (kPa)\n0,0\n0.1,0.5\n")
     with pytest.raises(CaseError, match="must be in Pa"):
+        js.load_case(tmp_path / "own.toml")
+
+
+@pytest.mark.parametrize(("width", "unit", "other"), [("", "m2/s", "m3/s"), ("width = 0.4", "m3/s", "m2/s")])
+def test_the_flow_of_a_curve_is_per_metre_of_width_in_two_dimensions_only(tmp_path, width, unit, other):
+    text = f"""
+    dx = 0.04
+    t1 = 1.0
+    [tank]
+    length = 2.0
+    depth = 0.4
+    {width}
+    [pto]
+    file = "turbine.csv"
+    """
+    (tmp_path / "own.toml").write_text(text)
+    (tmp_path / "turbine.csv").write_text(f"q ({other}),P_a (Pa)\n0,0\n0.1,500\n")
+    with pytest.raises(CaseError, match=f"q must be in {unit}; convert the values"):
         js.load_case(tmp_path / "own.toml")
 
 

@@ -72,7 +72,7 @@ def test_period_must_be_the_box_s():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"p": np.zeros(3)}, r"p must be \[144\]"),
+        ({"p": np.zeros(3)}, r"p must have the shape \[144\]"),
         ({"top": 1.5}, "outside the box"),
     ],
 )

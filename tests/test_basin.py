@@ -255,7 +255,7 @@ def test_direction_of_waves_from_three_gauges(direction, seed):
 @pytest.mark.parametrize(
     ("x", "words"),
     [
-        (GAUGES[:2], "the direction needs three gauges or more, not 2"),
+        (GAUGES[:2], "to find the direction of the waves, use at least three gauges, not 2"),
         ([[0.0, 0.0], [0.5, 0.0], [1.0, 0.01]], "nearly on one line"),
         (
             [[0.0, 0.0], [1.2, 0.0], [0.0, 1.2]],

@@ -40,7 +40,7 @@ TIMES = [0.0, 0.1, 0.2, 0.3]
         ),
         (
             {"bodies": {"fore": box(1.0, 1.4, joined_to="aft"), "aft": AFT}},
-            r"bodies.aft, bodies.fore: joined_to forms a loop: join one of these bodies to the tank",
+            r"bodies.aft, bodies.fore: joined_to forms a loop among these bodies: join one body of the loop",
         ),
         ({"body": box(1.0, 1.4, joined_to="body")}, r"body: joined_to forms a loop"),
         (
@@ -186,5 +186,5 @@ def test_a_body_is_no_wall_of_a_chamber():
     ],
 )
 def test_keys_of_two_kinds_of_motion_are_refused(motion):
-    with pytest.raises(CaseError, match="phase and ramp belong to amplitude and period"):
+    with pytest.raises(CaseError, match="give phase and ramp only with amplitude and period"):
         Case.from_dict(TANK | moved(**motion))

@@ -176,7 +176,7 @@ SQUARE = [[0.3, 0.3], [0.7, 0.3], [0.7, 0.7], [0.3, 0.7]]
             r"time steps .*the sound speed, 1e\+06 m/s: change fluid.c0, scheme.cfl",
         ),
         ({"fluid.nu": 1e3, "t1": 1e3}, r"time steps .*the viscosity, 1e\+03 m2/s: change fluid.nu or dx"),
-        ({"output.sample_dt": 1e-8}, r"time steps .*output.sample_dt = 1e-08 s: change it"),
+        ({"output.sample_dt": 1e-8}, r"time steps .*output.sample_dt = 1e-08 s: use a longer one"),
         ({"output.sample_dt": 10.0}, r"output.sample_dt = 10 s: must be at most t1 = 5 s"),
         (
             INCOMPRESSIBLE | {"scheme.speed": 5e-324},

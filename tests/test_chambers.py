@@ -188,7 +188,7 @@ def test_a_chamber_that_cannot_be_is_refused(changes, message):
 
 def test_a_chamber_named_as_the_device_s_is_refused():
     case = js.load_case("owc")
-    with pytest.raises(CaseError, match=r"chamber.chamber: with \[pto\] this is the device's chamber"):
+    with pytest.raises(CaseError, match=r"chamber.chamber: \[pto\] belongs to the device's chamber"):
         case.replace({"chamber.chamber": {"between": ["device", "far"], "pto": {"K_dm": 3.0}}})
     with pytest.raises(CaseError, match="air: compressible air needs a turbine"):
         case.replace({"pto": None, "air": {"volume": 1.0}})

@@ -195,7 +195,9 @@ def test_ensemble_goes_on_without_members_that_failed(members, tmp_path):
     assert found.slope == pytest.approx(4e-4) and np.isnan(found.members["P_owc"][[0, -1]]).all()
     failing |= {400, 450}
     (tmp_path / "e.h5").unlink()
-    with pytest.raises(js.DerivativeError, match="only 3 of 7 members gave P_owc: too fast"):
+    with pytest.raises(
+        js.DerivativeError, match="only 3 of 7 members gave P_owc, but a slope needs four: too fast"
+    ):
         js.derivative(case, "pto.K_dm", "P_owc", method, progress=False)
 
 

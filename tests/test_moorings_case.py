@@ -157,7 +157,7 @@ def test_a_moordyn_file_gives_its_lines(tmp_path):
         (
             MOORDYN[MOORDYN.index("1   chain") : MOORDYN.index("--------------------- OPTIONS")],
             "",
-            "no table LINES",
+            r"has no lines \(table LINES\)",
         ),
     ],
 )

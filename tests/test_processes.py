@@ -45,7 +45,7 @@ def test_a_lost_process_is_named():
     alone = Processes()
     assert (alone.count, alone.is_first, alone.any(True)) == (1, True, True)
     alone.count, alone.names = 3, ["a", "b", "c"]
-    lost = r"one of 1 \(b\), 2 \(c\) has ended.*jaxsph resume run.h5"
+    lost = r"one of the processes 1 \(b\), 2 \(c\) has ended.*jaxsph resume run.h5"
     with pytest.raises(SimulationError, match=lost), alone.hearing_of_losses("run.h5"):
         raise ValueError("UNKNOWN: Gloo collective permute failed: Connection reset by peer")
     with pytest.raises(ValueError, match="another thing"), alone.hearing_of_losses("run.h5"):

@@ -710,7 +710,8 @@ def test_failures_have_their_remedies(hydrostatic):
     inside = eqx.tree_at(lambda s: s.where, status, jnp.asarray([0.5, 0.1]))
     failed = eqx.tree_at(lambda s: s.status, state, inside)
     words = str(chunks.failure_error(model, failed, "it", remedies(case)))
-    assert "inside a wall within the first 20 steps" in words and "the set-up is the likely cause" in words
+    assert "inside a wall within the first 20 steps" in words
+    assert "What to change: the set-up, which is the likely cause" in words
     later = eqx.tree_at(lambda s: s.step, inside, jnp.asarray(21, inside.step.dtype))
     failed = eqx.tree_at(lambda s: s.status, state, later)
     words = str(chunks.failure_error(model, failed, "it", remedies(case)))

@@ -80,6 +80,20 @@ def test_a_body_at_the_bed_or_an_end_stops_the_run_there(alone, pose, beside):
             assert at < DX if wall == 0.0 else at > wall - DX
 
 
+@pytest.mark.parametrize("free", ["surge", "sway", "heave"])
+def test_a_body_in_three_dimensions_stops_the_run_however_it_translates(free):
+    axis, low = ["surge", "sway", "heave"].index(free), [0.24, 0.24, 0.24]
+    buoy = {"block": {"low": low, "high": [0.4, 0.4, 0.4]}, "density": 500.0, "free": [free]}
+    tank = {"length": 0.64, "width": 0.64, "depth": 0.32, "height": 0.6}
+    model, state = js.build(case({"buoy": buoy}, tank=tank, waves=None))
+    for gap, found in ((0.6, False), (0.4, True)):
+        pose = jnp.zeros(6).at[axis].set(gap * DX - low[axis])
+        parts = state.parts | {"buoy": eqx.tree_at(lambda motion: motion.pose, state.parts["buoy"], pose)}
+        near, where = touching(model, parts)
+        assert near == found
+    assert where[axis] == pytest.approx(gap * DX, abs=1e-3)
+
+
 def test_bodies_and_solids_do_not_pass_through_each_other():
     two = {
         "left": BLOCK | {"density": 500.0, "free": FREE},

@@ -89,8 +89,8 @@ class Coefficients:
     X_spread: NDArray[np.float64]
     """Spread of the complex excitation about its mean `[W, n]`, in the unit of X."""
     echo: NDArray[np.float64]
-    """Force of the waves that return from the paddle, divided by the radiation force (-), in the run with
-    each prescribed motion `[W, n]`. The force of these waves was subtracted, unless this ratio is NaN
+    """Ratio of the force of the waves that return from the paddle to the radiation force (-), in the run with
+    each prescribed motion `[W, n]`. The force of these waves has been subtracted, unless the ratio is NaN
     (unknown)."""
     bodies: Mapping[str, BodyAtRest]
     """Bodies at rest, by name."""

@@ -23,7 +23,7 @@ class WaveDirection(NamedTuple):
     direction: float
     """Direction towards which the waves travel, rad from the x axis towards the y axis."""
     height: float
-    """Height from trough to crest of the fundamental, mean of the gauges, m."""
+    """Height of the fundamental from trough to crest, averaged over the gauges, m."""
     wavenumber: float
     """Wavenumber, rad/m."""
 
@@ -48,8 +48,8 @@ def wave_direction(
     change every phase by up to r rad.
 
     **Arguments**: `eta`: elevations [gauges, times] (m); `x`: positions of the gauges [gauges, 2] (m); `t`:
-    [times] (s), whole periods; depth `d` (m). All gauges must be within half a wavelength of the most central
-    one.
+    times [times] (s), which must cover whole periods; depth `d` (m). All gauges must be within half a
+    wavelength of the most central one.
 
     **Raises** ValueError for fewer than three gauges, gauges nearly on one line, and gauges too far apart.
     """
@@ -109,7 +109,7 @@ def _checked(eta: ArrayLike, x: ArrayLike, t: ArrayLike) -> tuple[Series, Series
             f"eta of shape {eta.shape} must be [gauges, times], and x of shape {x.shape} [gauges, 2]"
         )
     if len(x) < 3:
-        raise ValueError(f"the direction needs three gauges or more, not {len(x)}")
+        raise ValueError(f"to find the direction of the waves, use at least three gauges, not {len(x)}")
     condition = np.linalg.cond(x - np.mean(x, axis=0))
     if not condition < _MAX_CONDITION:
         raise ValueError(

@@ -22,12 +22,12 @@ def energy_budget(
 ) -> dict[str, float]:
     """Energies supplied, stored and removed over a whole record, J (J/m in 2-D), by name.
 
-    The keys are `paddle` (work of paddles, driven bodies and body forces), `stored` (change of kinetic,
-    potential and compression energy), `pto` (absorbed by all power take-offs), `viscous`, `diffusive`,
-    `<name>` for every other series `power_<name>` (energy removed from the water, for example `sponge`,
-    `contact`), `residual` (the imbalance), and `residual_share` (ratio of `residual` to the paddle's work or
-    to the largest kinetic energy, whichever is larger). The entry `projection` of an incompressible flow is
-    negative if the pressure projection adds energy to the water.
+    The keys are `paddle` (work of paddles, driven bodies, relaxation zones and body forces), `stored` (change
+    of kinetic, potential and compression energy), `pto` (absorbed by all power take-offs), `viscous`,
+    `diffusive`, `<name>` for every other series `power_<name>` (energy removed from the water, for example
+    `sponge`, `contact`), `residual` (the imbalance), and `residual_share` (ratio of `residual` to the
+    paddle's work or to the largest kinetic energy, whichever is larger). The entry `projection` of an
+    incompressible flow is negative if the pressure projection adds energy to the water.
 
     `harvested`: names of the power take-offs' series. A series `power_<name>` contains means over the
     interval before each sample. A series `loss_<name>` contains values at the samples, and is integrated by

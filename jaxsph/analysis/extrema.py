@@ -39,7 +39,10 @@ def extrema(t: ArrayLike, y: ArrayLike, window: int = 1, prominence: float = 0.1
     threshold = prominence * np.ptp(y)
     found = [(i, s) for s in (1, -1) for i in scipy.signal.find_peaks(s * y, prominence=threshold)[0]]
     if not found:
-        raise ValueError("the series has no extremum")
+        raise ValueError(
+            f"the series has no extremum: no crest or trough stands out by prominence = {prominence:g} of "
+            "the range of the series"
+        )
     index, sign = np.array(sorted(found)).T
     h0, h1 = t[index] - t[index - 1], t[index + 1] - t[index]
     s0, s1 = (y[index] - y[index - 1]) / h0, (y[index + 1] - y[index]) / h1

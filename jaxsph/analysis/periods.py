@@ -109,12 +109,12 @@ LEAST_PERIODS = 3
 def settled_from(values: ArrayLike) -> int:
     """Number of leading periods to leave out of a mean, from the means `values` of all periods, oldest first.
 
-    Leading periods are left out until the others show neither a linear trend nor a first period that differs
-    from the rest. Both criteria use Student's t-test (for the slope of a regression, and for a single
-    observation against the rest), each at half of `SIGNIFICANT`. As in White (1997), the end of the transient
-    is found from the record itself. Of ten settled periods, White's rule (MSER) leaves out a quarter on
-    average, and this rule leaves out 1 %. A transient smaller than the scatter of the periods is not
-    detected. At least `LEAST_PERIODS` remain.
+    Leading periods are left out until the remaining periods show neither a linear trend nor a first period
+    that differs from the rest. Both criteria use Student's t-test (for the slope of a regression, and for a
+    single observation against the rest), each at half of `SIGNIFICANT`. As in White (1997), the end of the
+    transient is found from the record itself. Of ten settled periods, White's rule (MSER) leaves out a
+    quarter on average, and this rule leaves out 1 %. A transient smaller than the scatter of the periods is
+    not detected. At least `LEAST_PERIODS` remain.
     """
     values = np.asarray(values, np.float64)
     least = 1e-6 * np.max(np.abs(values), initial=0.0)  # ignore trends due to rounding of the readings

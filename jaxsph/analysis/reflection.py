@@ -106,7 +106,7 @@ def reflection(
         )
     incident, reflected = abs(incident), abs(reflected)
     if incident == 0.0:
-        raise ValueError("there is no incident wave at this period")
+        raise ValueError(f"there is no incident wave of the period T = {T:g} s")
     return Reflection(float(incident), float(reflected), float(reflected / incident))
 
 
@@ -162,7 +162,10 @@ def two_way_sea(
     t, eta = checked(t, eta)
     x = np.asarray(x, np.float64)
     if eta.ndim != 2 or x.shape != eta.shape[:1] or x.size < 3:
-        raise ValueError(f"eta of shape {eta.shape} and x of shape {x.shape} must have three gauges or more")
+        raise ValueError(
+            f"eta of shape {eta.shape} must be [gauges, times] and match x of shape {x.shape}, with at least "
+            "three gauges"
+        )
     step = even_step(t)
     fade = scipy.signal.windows.tukey(t.size, TAPER)
     rest = (eta - eta.mean(axis=1, keepdims=True)) * fade / np.sqrt(np.mean(fade**2))

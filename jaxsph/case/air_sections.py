@@ -46,8 +46,8 @@ class PTOSection(Section):
     width."""
 
     K_dm: float | None = Field(None, ge=0, le=1.0e6)
-    """Damping coefficient, kg^0.5 m^-2.5 (kg^0.5 m^-3.5 in 3-D); with 1e6 the chamber is
-    practically closed."""
+    """Damping coefficient of a quadratic turbine or a slot (P_a = K_dm^2 |q| q), kg^0.5 m^-2.5
+    (kg^0.5 m^-3.5 in 3-D); with 1e6 the chamber is practically closed."""
     phase: tuple[Annotated[float, Field(ge=-10, le=10)], ...] | None = Field(
         None, min_length=2, max_length=100
     )
@@ -105,14 +105,16 @@ class PTOSection(Section):
 
     @property
     def quadratic(self) -> float | None:
-        """Damping coefficient K_dm (kg^0.5 m^-2.5), given or computed for an orifice; otherwise None."""
+        """Damping coefficient K_dm, kg^0.5 m^-2.5 (kg^0.5 m^-3.5 in 3-D), given or computed for an orifice;
+        None for other laws."""
         if self.area is not None:
             return orifice_damping(self.area, self.discharge, self.density)
         return self.K_dm
 
     @property
     def points(self) -> tuple[tuple[float, float], ...]:
-        """Characteristic curve for both directions of flow, as pairs of flow (m2/s) and pressure (Pa)."""
+        """Characteristic curve for both directions of flow, as pairs of flow (m2/s; m3/s in 3-D) and pressure
+        (Pa)."""
         curve = self.curve or ()
         if curve and curve[0] == (0.0, 0.0):
             return (*((-q, -p) for q, p in curve[:0:-1]), *curve)
@@ -124,9 +126,9 @@ def _check_curve(curve: tuple[tuple[float, float], ...]) -> None:
     for (q, p), (after, higher) in itertools.pairwise(curve):
         if not (after > q and higher > p):
             raise ValueError(
-                f"pto.curve: the point ({q:g} m2/s, {p:g} Pa) is followed by ({after:g} m2/s, {higher:g} "
-                "Pa); flow and pressure must both rise from each point to the next: sort the points, and "
-                "leave out the points at which the turbine stalls"
+                f"pto.curve: the point (q = {q:g}, P_a = {p:g} Pa) is followed by (q = {after:g}, P_a = "
+                f"{higher:g} Pa); flow and pressure must both rise from each point to the next: sort the "
+                "points, and leave out the points at which the turbine stalls"
             )
     if (0.0, 0.0) not in curve:
         raise ValueError(
@@ -146,7 +148,7 @@ class AirSection(Section):
 
     @property
     def give(self) -> float:
-        """Compliance of the air at ambient pressure, volume / (gamma pressure), m2/Pa."""
+        """Compliance of the air at ambient pressure, volume / (gamma pressure), m3/Pa (m2/Pa in 2-D)."""
         return self.volume / (self.gamma * self.pressure)
 
 
@@ -186,10 +188,10 @@ class DuctSection(Section):
     between: tuple[Name, Name]
     """Names of the two chambers; the flow from the first to the second is positive."""
     area: Area | None = None
-    """Smallest cross-section of the duct, m2 (per metre of width in 2-D); behind this section the kinetic
-    energy of the air is lost."""
+    """Smallest cross-section of the duct, m2 (per metre of width in 2-D). The kinetic energy of the air is
+    lost downstream of it."""
     discharge: Discharge = 0.6
-    """Discharge coefficient of the duct's narrowest area (-)."""
+    """Discharge coefficient of the duct's smallest cross-section (-)."""
     density: Density = 1.2
     """Density of the ambient air, kg/m3."""
     pto: PTOSection | None = None

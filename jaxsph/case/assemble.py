@@ -77,9 +77,9 @@ def assemble(
     **Arguments**: positions `x` `[N, D]` (m) and velocities `u` `[N, D]` (m/s), in the scheme's precision.
     `p` `[N]`: gauge pressure (Pa), by default 0. `volume` of each particle (m3; m2 in 2-D), by default dx^D.
     `walls`: ghosts from `Ghosts.build` of a `Box`; the scheme's smoothing must have the same `period`.
-    `g` `[D]` (m/s2), by default 0. Parts: `moving` walls (driven solids, and the paddle if the box has a
-    paddle); `bodies` and `links` between them; `chambers`; `ducts` between chambers; `dampers`; `forces` in
-    addition to g.
+    `g` `[D]`: gravitational acceleration (m/s2), by default 0. Parts: `moving` walls (driven solids, and the
+    paddle if the box has a paddle); `bodies` and `links` between them; `chambers`; `ducts` between chambers;
+    `dampers`; `forces` in addition to g.
     `sample_dt`: time between samples (s), a multiple of the time step. `dt_most`: largest time step (s), by
     default the largest stable step. `speed`: largest expected speed (m/s), which determines how often
     neighbours are searched; by default the largest speed in `u`, or for a fluid at rest 0.3 times the largest
@@ -181,9 +181,9 @@ def _rims(walls: Ghosts, dx: float) -> tuple[Rim, ...]:
 def _checked(x, u, p, scheme, walls, dx) -> tuple[int, int]:
     """Numbers of particles and of dimensions. **Raises** ValueError if the arguments do not match."""
     if x.ndim != 2 or x.shape[1] != len(walls.low) or u.shape != x.shape:
-        raise ValueError(f"x and u must be [N, {len(walls.low)}], not {x.shape} and {u.shape}")
+        raise ValueError(f"x and u must have the shape [N, {len(walls.low)}], not {x.shape} and {u.shape}")
     if p is not None and np.shape(p) != x.shape[:1]:
-        raise ValueError(f"p must be [{len(x)}], not {np.shape(p)}")
+        raise ValueError(f"p must have the shape [{len(x)}], not {np.shape(p)}")
     if scheme.smoothing.period != walls.period:
         raise ValueError(
             f"the smoothing's period, {scheme.smoothing.period}, must be that of the box, {walls.period}"
@@ -193,7 +193,9 @@ def _checked(x, u, p, scheme, walls, dx) -> tuple[int, int]:
             raise ValueError(f"dx = {dx:g} m does not divide the period {length:g} m of axis {axis}")
     slack = 1e-6 * (np.asarray(walls.high) - np.asarray(walls.low))
     if (x < walls.low - slack).any() or (x > walls.high + slack).any():
-        raise ValueError(f"particles are outside the box from {walls.low} to {walls.high} m")
+        raise ValueError(
+            f"x: particles are outside the box from {walls.low} to {walls.high} m: move or remove them"
+        )
     return x.shape
 
 

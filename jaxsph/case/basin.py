@@ -1,6 +1,6 @@
 """Wave field over the plan of a basin, its relaxation zones and wavemaker, and checks of their keys.
 
-A case has a basin if its waves are oblique, or if zones along the side walls absorb.
+A case has a basin if its waves are oblique, or if it has relaxation zones along the side walls.
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ from jaxsph.waves.theory import stokes3_wavenumber
 SIDE_STRENGTH = 4.0
 """Ratio of the largest rate of the zones along the side walls to the waves' angular frequency.
 
-The side walls reflect oblique waves, and a high rate keeps the reflection in the zones; but it also reflects
-a part of the waves that enter the zones. The linear shallow-water equations were solved with zones half a
-wavelength wide, at ratios of 2, 4 and 8. Waves at 20 degrees differ from the target by up to 10, 11 and 8 %,
-and by 2, 2 and 1 % on average. Of waves that meet the zones at right angles, 11, 25 and 33 % are reflected.
+The side walls reflect oblique waves. A high rate damps the reflected waves within the zones, but also
+reflects a part of the waves that enter the zones. The linear shallow-water equations were solved with zones
+half a wavelength wide, at ratios of 2, 4 and 8. Waves at 20 degrees differ from the target by up to 10, 11
+and 8 %, and by 2, 2 and 1 % on average. Of waves that meet the zones at right angles, 11, 25 and 33 % are
+reflected.
 """
 LEAST_WIDTH = 0.25
 """Smallest width of the zones along the side walls, in wavelengths."""
@@ -41,7 +42,7 @@ def has_basin(case: Sections) -> bool:
 
 
 def make_field(case: Sections, geometry: Geometry, waves: AbstractWaves, leaf: Any) -> AbstractWaveField:
-    """Wave field over the plan of a basin; `waves`: waves along the tank, with the same components."""
+    """Wave field over the plan of a basin; `waves`: the case's waves, travelling along x."""
     section, middle = given_waves(case), 0.5 * _width(geometry)
     if getattr(section, "spreading", None) is None:
         longer = 1.0

@@ -91,7 +91,8 @@ class LinkSection(Section):
     """Positions of the link's ends with all bodies at rest, m: (x, z), or in three dimensions (x, y, z);
     an end without y has the y of the body's pivot."""
     rest: Length | None = None
-    """Length at which the link between two points is not extended, m; by default its length at rest."""
+    """Length at which the link between two points is not extended, m; by default the distance between its
+    ends with all bodies at rest."""
     stiffness: Coefficient = 0.0
     """Stiffness of a spring, N/m."""
     pretension: float = Field(0.0, ge=-1e12, le=1e12)
@@ -190,7 +191,10 @@ class MotionSection(Section):
             )
         sampled = any(getattr(self, name) for name in MOTIONS)
         if (harmonic and sampled) or (self.t and (any(self.phase) or self.ramp is not None)):
-            raise ValueError("phase and ramp belong to amplitude and period; samples of motions belong to t")
+            raise ValueError(
+                "give phase and ramp only with amplitude and period, and samples (surge, heave, ...) only "
+                "with t"
+            )
         if self.t:
             given = [one for one in (getattr(self, name) for name in MOTIONS) if one]
             if not given or any(len(one) != len(self.t) for one in given):

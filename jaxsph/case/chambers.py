@@ -105,8 +105,8 @@ class Wall(NamedTuple):
     def face(self, side: int) -> np.ndarray:
         """Corners `[K, 2]` (x, z) (m) of one face of the wall, from bottom to top.
 
-        `side` is 0 for the face at the first x, and 1 for the face at the last x. The face is sampled just
-        above and just below every corner, so that both sides of a step are included.
+        `side` is 0 for the face at the smaller x, and 1 for the face at the larger x. The face is sampled
+        just above and just below every corner, so that both sides of a step are included.
         """
         corners = np.array(self.heights())
         if self.shape is not None:

@@ -122,8 +122,8 @@ def _rows(path: Path, text: str) -> list[tuple[str, list[str]]]:
     except csv.Error:
         length = len(lines[number].rstrip("\r\n"))
         raise CaseError(
-            f"{path}, line {number + 1} ({length} characters): not CSV: quotes do not match, or a value is "
-            "too long"
+            f"{path}, line {number + 1} ({length} characters): not valid CSV: a quotation mark is not closed "
+            "or is misplaced, or a value is too long"
         ) from None
     return rows
 

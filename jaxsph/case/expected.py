@@ -7,9 +7,9 @@ _BED = (
     "cases `beach` and `owc_slope`"
 )
 _MESH = (
-    "a shape is a block, a disc, a polygon or the outline of a drawing (`file` of an SVG, a DXF or a CSV "
-    "with x and z), and in three dimensions a block, a sphere, a cylinder, a capsule, a solid of "
-    "revolution, a prism (`body.extrusion`) or a surface mesh (`file` of an STL or an OBJ)"
+    "a shape is a block, a disc, a polygon or the outline of a drawing (`file` names an SVG or DXF file, or "
+    "a CSV file with columns x and z), and in three dimensions a block, a sphere, a cylinder, a capsule, a "
+    "solid of revolution, a prism (`body.extrusion`) or a surface mesh (`file` names an STL or OBJ file)"
 )
 _MOORING = (
     "a mooring line is a section [mooring.NAME] with `mooring.NAME.anchor`, `mooring.NAME.at` on a body, "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import functools
 import importlib.resources
 import itertools
 import math
@@ -73,10 +74,11 @@ def _with_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     The run file therefore contains all data of the run. File names are relative to the folder of the case.
     """
     data = dict(data)
-    waves = data.get("waves")
+    tank, waves = data.get("tank"), data.get("waves")
+    flow = "m3/s" if isinstance(tank, dict) and "width" in tank else "m2/s"
     if isinstance(waves, dict) and "file" in waves and waves.get("kind") != "recorded":
         raise CaseError('waves.file is only allowed with waves.kind = "recorded"')
-    for place, reader in READ.items():
+    for place, reader in _readers(flow).items():
         _put(data, place.split("."), "", reader, folder)
     return data
 
@@ -106,9 +108,9 @@ def _put(data: dict[str, Any], place: list[str], key: str, reader: Reader, folde
             _put(data[name], place[1:], f"{key}.{name}".lstrip("."), reader, folder)
 
 
-def _read_curve(path: Path) -> dict[str, Any]:
-    """Reads the characteristic curve of a turbine from the columns q (m2/s) and P_a (Pa)."""
-    columns = read_columns(path, {"q": "m2/s", "P_a": "Pa"}, [{"q", "P_a"}])
+def _read_curve(path: Path, flow: str) -> dict[str, Any]:
+    """Reads the characteristic curve of a turbine from the columns q (in the unit `flow`) and P_a (Pa)."""
+    columns = read_columns(path, {"q": flow, "P_a": "Pa"}, [{"q", "P_a"}])
     return {"curve": [list(point) for point in zip(columns["q"], columns["P_a"], strict=True)]}
 
 
@@ -154,17 +156,22 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
-READ: dict[str, Reader] = {
-    "waves": Reader(read_series),
-    "pto": Reader(_read_curve),
-    "chamber.NAME.pto": Reader(_read_curve),
-    "duct.NAME.pto": Reader(_read_curve),
-    **{body: Reader(_read_shape, ("scale", "at")) for body in BODY_KEYS},
-    **{f"{body}.motion": Reader(_read_motion) for body in BODY_KEYS},
-    "solid.NAME": Reader(_read_shape, ("scale", "at")),
-    "mooring": Reader(read_moordyn, ("body", "at", "kind", "lines")),
-}
-"""Sections that may name a file, with the reader of their keys; `NAME` stands for every name."""
+def _readers(flow: str) -> dict[str, Reader]:
+    """Sections that may name a file, with the reader of their keys.
+
+    NAME in a section's name stands for every name. `flow`: unit of the flow through a turbine.
+    """
+    curve, shape = Reader(functools.partial(_read_curve, flow=flow)), Reader(_read_shape, ("scale", "at"))
+    return {
+        "waves": Reader(read_series),
+        "pto": curve,
+        "chamber.NAME.pto": curve,
+        "duct.NAME.pto": curve,
+        **dict.fromkeys(BODY_KEYS, shape),
+        **{f"{body}.motion": Reader(_read_motion) for body in BODY_KEYS},
+        "solid.NAME": shape,
+        "mooring": Reader(read_moordyn, ("body", "at", "kind", "lines")),
+    }
 
 
 def _parsed(path: Path, text: str) -> dict[str, Any]:

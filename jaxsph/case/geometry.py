@@ -307,8 +307,8 @@ class Geometry:
         """Sets the stretches of the water surface below chambers."""
         if case.pto is not None and DEVICE_CHAMBER in case.chamber:
             raise CaseError(
-                f"chamber.{DEVICE_CHAMBER}: with [pto] this is the device's chamber: give this "
-                "section another name"
+                f"chamber.{DEVICE_CHAMBER}: [pto] belongs to the device's chamber, which already has this "
+                "name: give this section another name"
             )
         if case.air is not None and case.pto is None:
             raise CaseError("air: compressible air needs a turbine; give one in [pto], or remove [air]")

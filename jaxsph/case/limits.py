@@ -278,7 +278,8 @@ def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSe
         asked = stretch.given if key else f"tank.height = {geometry.height:g} m"
         what = "the roof is" if stretch.carrier else "a wall ends"
         raise CaseError(
-            f"{asked}: {what} {room:.4g} m above the water, and waves are {rise:.4g} m high: make it higher"
+            f"{asked}: {what} {room:.4g} m above the water, and waves are {rise:.4g} m high: use a "
+            "higher roof or wall, or lower waves"
         )
     if section.air is not None:
         if section.pto is not None and not section.pto.is_turbine:
@@ -288,9 +289,9 @@ def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSe
         if section.air.volume < stretch.surface * rise:
             of, volume = ("m", "m2") if case.dim == 2 else ("m2", "m3")
             raise CaseError(
-                f"{key}air.volume = {section.air.volume:g} {volume}: waves of {rise:.3g} m may fill the "
-                f"chamber; at least {stretch.surface * rise:.3g} {volume} are needed in a chamber of "
-                f"{stretch.surface:g} {of}"
+                f"{key}air.volume = {section.air.volume:g} {volume}: waves {rise:.3g} m high may fill the "
+                f"chamber; a chamber with a water surface of {stretch.surface:g} {of} needs at least "
+                f"{stretch.surface * rise:.3g} {volume}"
             )
     elif section.pto is None and not any(name in duct.between for duct in case.duct.values()):
         raise CaseError(
@@ -380,7 +381,10 @@ def _check_solids(case: Sections, geometry: Geometry) -> None:
         first = float(shape.bounds()[0][0])
         if case.waves is not None and first < max(clear, zone):
             what = f"relaxation zone ends at {zone:g} m" if zone > clear else f"paddle needs {clear:.3g} m"
-            raise CaseError(f"solid.{name} begins at {first:.4g} m, but the {what}: move the solid away")
+            raise CaseError(
+                f"solid.{name} begins at x = {first:.4g} m, but the {what}: move the solid away from "
+                "the paddle"
+            )
 
 
 def _check_coast(case: Sections, geometry: Geometry) -> None:
@@ -408,7 +412,7 @@ def _check_steps(case: Sections) -> None:
     stable, sample = stable_time_step(case), case.output.sample_dt
     dt = min(stable, 0.5 * sample)  # a sampling interval has two steps or more
     if not case.t1 / dt <= MOST_STEPS:
-        why = shortest_limit(case) if stable <= dt else f"output.sample_dt = {sample:g} s: change it"
+        why = shortest_limit(case) if stable <= dt else f"output.sample_dt = {sample:g} s: use a longer one"
         raise CaseError(
             f"t1 = {case.t1:g} s takes {case.t1 / dt:.3g} time steps of {dt:.3g} s, but at most "
             f"{MOST_STEPS:.0e} are allowed. The step is limited by {why}"

@@ -54,8 +54,8 @@ def linear_owc(case: Sections, lip_loss: float = 0.0) -> LinearOWC:
     missing = _missing(case)
     if missing is not None:
         raise CaseError(
-            f"{missing}: linear theory of an OWC needs a device with a damping, in regular waves over a "
-            "flat bed"
+            f"{missing}: linear theory of an OWC needs a device with a linear or quadratic turbine, in "
+            "regular waves over a flat bed"
         )
     water = radiation_and_scattering(_chamber(case), 2.0 * np.pi / case.waves.T, case.g)
     return linear_response(
@@ -78,7 +78,10 @@ def linear_sea(case: Sections) -> LinearSea:
     if not sea_is_linear(case):
         regular = case.waves is not None and case.waves.kind == "regular"
         why = 'waves.kind = "regular": use linear_owc' if regular else _missing(case, seas=True)
-        raise CaseError(f"{why}: linear theory of a sea needs a device with a damping, over a flat bed")
+        raise CaseError(
+            f"{why}: linear theory of a sea needs a device with a linear or quadratic turbine, over a flat "
+            "bed"
+        )
     a, omega = case.waves.sum_of_waves(Geometry.of(case).depth, case.g)
     K_dm, air = _turbine(case).quadratic or 0.0, _linear_air(case)
     return linear_sea_response(_chamber(case), a, omega, K_dm, case.fluid.rho0, case.g, air)

@@ -150,7 +150,7 @@ def _not_covered(case: Sections) -> str:
     """Reason, by the keys of a case, why linear theory does not cover its bodies; empty if the theory
     covers them."""
     if case.waves is None or not has_free_bodies(case):
-        return "linear theory of bodies needs waves, and a body with a motion in free"
+        return "linear theory of bodies needs waves, and a body with a free motion (key free)"
     if case.waves.kind != "regular":
         return f'waves.kind = "{case.waves.kind}"'
     if case.dim == 3:
@@ -165,7 +165,7 @@ def _not_covered(case: Sections) -> str:
         ):
             return f"{case.body_key(name)} has a prescribed motion"
     if case.duct:
-        return f"duct.{next(iter(case.duct))} is between chambers"
+        return f"duct.{next(iter(case.duct))} joins two chambers"
     for name, chamber in case.chambers.items():
         pto, key = chamber.pto, "pto" if name == DEVICE_CHAMBER and case.pto else f"chamber.{name}.pto"
         if pto is None:

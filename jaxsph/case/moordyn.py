@@ -24,8 +24,8 @@ TABLES = {"LINE TYPES": "types", "POINTS": "points", "LINES": "lines", "OPTIONS"
 """Tables that are read, by the words in their headings."""
 OLD = {"LINE DICTIONARY": "LINE TYPES", "CONNECTION": "POINTS", "NODE PROPERTIES": "POINTS"}
 """Words in the headings of version 1, with the corresponding words of version 2."""
-REFUSED = {"BOD": "bodies", "ROD": "rods", "FAIL": "failures", "CONTROL": "control", "EXTERNAL": "loads"}
-"""Words in the headings of tables that must be empty, and the content of these tables."""
+REFUSED = {"BOD": "bodies", "ROD": "rods", "FAIL": "failures", "CONTROL": "controls", "EXTERNAL": "loads"}
+"""Words in the headings of tables that must be empty, with the name of their content in messages."""
 ON_PLANE = 1e-6
 """Largest distance at which a point counts as in the x-z plane or on the bed, m."""
 
@@ -35,10 +35,10 @@ def read_moordyn(
 ) -> dict[str, Any]:
     """Sections of all lines of a MoorDyn file, by the names line1, line2 and so on.
 
-    **Arguments**: `body` with all fairleads; `at`: position (x, z) of the file's origin in the tank, m; by
-    default x = 0 and z = the water depth given in the file; `kind` of all moorings; `lines`: number of equal
-    lines for each line in the file, in two dimensions per metre of width. **Raises** CaseError if the file
-    cannot be read, or has features that are not available.
+    **Arguments**: name of the `body` that has all fairleads; `at`: position (x, z) of the file's origin in
+    the tank, m; by default x = 0 and z = the water depth given in the file; `kind` of all moorings; `lines`:
+    number of identical lines for each line in the file, in two dimensions per metre of width. **Raises**
+    CaseError if the file cannot be read, or has features that are not available.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise CaseError(f"{path}: must be a MoorDyn file whose name ends in {' or '.join(SUFFIXES)}")
@@ -76,7 +76,7 @@ def read_moordyn(
         found[f"line{words[0]}"] = line
     if not found:
         raise CaseError(
-            f"{path} has no table LINES: expected a MoorDyn file of version 2 with at least one line"
+            f"{path} has no lines (table LINES): expected a MoorDyn file of version 2 with at least one line"
         )
     return found
 

@@ -18,7 +18,7 @@ Bedding = Annotated[float, Field(ge=0, le=1e12)]
 class MooringSection(Section):
     """A mooring line from an anchor to a fairlead on a body.
 
-    The properties describe a single line. `lines` is the number of equal lines (per metre of width in two
+    The properties describe a single line. `lines` is the number of identical lines (per metre of width in two
     dimensions).
     """
 
@@ -42,7 +42,7 @@ class MooringSection(Section):
     diameter: Length | None = None
     """Diameter of a circular section with the same displacement and drag as the line, m."""
     lines: float = Field(1.0, ge=1e-3, le=1e4)
-    """Number of equal lines, in two dimensions per metre of width."""
+    """Number of identical lines, in two dimensions per metre of width."""
     segments: int = Field(20, ge=2, le=400)
     """Number of segments of a line of lumped masses."""
     damping: float = Field(0.5, ge=0, le=10)

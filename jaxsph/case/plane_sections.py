@@ -63,7 +63,10 @@ class BlockSection(AbstractShapeSection):
         if len(self.low) != len(self.high) or not all(
             a < b for a, b in zip(self.low, self.high, strict=True)
         ):
-            raise ValueError(f"low = {self.low} must be below high = {self.high} along every axis")
+            raise ValueError(
+                f"low = {list(self.low)} and high = {list(self.high)} must have the same number of "
+                "coordinates, and every coordinate of low must be less than that of high"
+            )
         return self
 
     @property

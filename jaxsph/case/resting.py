@@ -53,7 +53,7 @@ class Posture(NamedTuple):
     ways: Any
     """Derivatives of the poses with respect to the coordinates of all joints `[B, 3, n]`."""
     mass: Any
-    """Mass matrix of these coordinates `[n, n]`."""
+    """Mass matrix of the coordinates of all joints `[n, n]`."""
     extensions: Any
     """Extensions of all links, by the link's name, m or rad."""
     slopes: Any

@@ -170,7 +170,8 @@ def _share(case: Sections, share: float) -> dict[str, float]:
 
 
 def _power(case: Sections, record: Record) -> dict[str, float]:
-    """Incident power (W/m), and the fraction that the device absorbs, both averaged over the window."""
+    """Incident power (W/m), and the absorbed fraction (in 3-D the capture width, m), averaged over the
+    window."""
     window, waves = record.window, given_waves(case)
     if not window.periods:
         return {}
@@ -232,7 +233,8 @@ def incident_over(case: Sections, t_end: float, periods: int) -> float:
 
 
 def _energy_of_a_group(case: Sections, record: Record) -> dict[str, float]:
-    """Energy of a focused group (J/m), and the fraction that the device absorbs by the end of the run.
+    """Energy of a focused group (J/m), and the fraction absorbed by the end of the run (in 3-D the capture
+    width, m).
 
     A group has no mean power, because device and waves would need different averaging times.
     """
@@ -333,8 +335,8 @@ def _free_flume(case: Sections) -> tuple[float, float]:
 def mean_of_power(case: Sections, of: str) -> MeanOfRecord:
     """Function that gives the `PowerMean` of the result `of` from the times and power of a record.
 
-    `of` is xi or P_owc (W; W/m in 2-D), which are means over the settled periods, or energy_pto (J). Used for
-    derivatives.
+    `of` is xi or P_owc (W; W/m in 2-D), which are means over the settled periods, or energy_pto (J; J/m in
+    2-D). Derivatives of these results use this function.
 
     **Raises** CaseError for a result that the case does not have.
     """

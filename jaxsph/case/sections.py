@@ -42,11 +42,12 @@ class Fluid(Section):
     nu: float = Field(1.0e-6, ge=0, le=1e4)
     """Kinematic viscosity (Eq. 6), m2/s; used unless `scheme.alpha` is given."""
     c0: Speed | None = None
-    """Numerical speed of sound, m/s; by default from Eq. 2."""
+    """Numerical speed of sound, m/s; by default ten times the larger of the largest expected speed of the
+    water and sqrt(g depth) (Eq. 2)."""
 
 
 class WeaklyCompressible(Section):
-    """Weakly compressible delta-SPH (Zhu et al. 2020): `kind = "weakly_compressible"`, or no kind."""
+    """Weakly compressible delta-SPH (Zhu et al. 2020): `kind = "weakly_compressible"`, the default."""
 
     kind: Literal["weakly_compressible"] = "weakly_compressible"
     """Kind of scheme; each kind has its own keys."""
@@ -58,14 +59,15 @@ class WeaklyCompressible(Section):
     cut: float = Field(3.5, ge=2.5, le=4)
     """Ratio of the Gaussian's radius of truncation to its smoothing length (-); 3 in Zhu et al. 2020."""
     hyperviscosity: float = Field(HYPERVISCOSITY, ge=0, le=3)
-    """Rate at which hyperviscosity damps the velocity's noise, divided by sqrt(g/h) (-); 0 turns it off."""
+    """Rate at which hyperviscosity damps the velocity's noise, divided by sqrt(g/h) (-), where h is the
+    smoothing length; 0 turns hyperviscosity off."""
     separation: float = Field(SEPARATION, ge=0, le=10)
-    """Rate at which particles closer than 0.6 dx are moved apart, divided by sqrt(g/h) (-); 0
-    turns it off."""
+    """Rate at which particles closer than 0.6 dx are moved apart, divided by sqrt(g/h) (-), where h is the
+    smoothing length; 0 turns the separation off."""
     delta: float = Field(0.1, ge=0, le=1)
-    """Coefficient delta of the density diffusion (Eq. 8)."""
+    """Coefficient delta of the density diffusion (-; Eq. 8)."""
     alpha: float | None = Field(None, ge=0, le=1)
-    """Coefficient alpha of the artificial viscosity (Eq. 4), which replaces `fluid.nu`."""
+    """Coefficient alpha of the artificial viscosity (-; Eq. 4), which replaces `fluid.nu`."""
     integrator: Literal["symplectic", "predictor_corrector"] = "symplectic"
     """Time integrator: symplectic Euler, with one evaluation of the rates per step, or predictor-corrector,
     with two."""
@@ -105,10 +107,11 @@ class Incompressible(Section):
     support radius of 3.05 dx in two dimensions, and of 3.025 and 3 dx in three; the Gaussian has h = 1.2 dx
     (support 3.5 h), and Wendland's kernel h = 2 dx in two dimensions and 1.5 dx in three (support 2 h)."""
     hyperviscosity: float = Field(HYPERVISCOSITY, ge=0, le=3)
-    """Rate at which hyperviscosity damps the velocity's noise, divided by sqrt(g/h) (-); 0 turns it off."""
+    """Rate at which hyperviscosity damps the velocity's noise, divided by sqrt(g/h) (-), where h is the
+    smoothing length; 0 turns hyperviscosity off."""
     separation: float = Field(SEPARATION, ge=0, le=10)
-    """Rate at which particles closer than 0.6 dx are moved apart, divided by sqrt(g/h) (-); 0
-    turns it off."""
+    """Rate at which particles closer than 0.6 dx are moved apart, divided by sqrt(g/h) (-), where h is the
+    smoothing length; 0 turns the separation off."""
     cfl: float = Field(0.25, ge=1e-6, le=0.5)
     """Courant number: time step times largest expected speed, divided by 1.2 dx (in three dimensions by
     1.5 dx)."""
@@ -120,11 +123,13 @@ class Incompressible(Section):
     tolerance: float = Field(3.0e-3, ge=1e-12, le=0.1)
     """Largest residual of the Poisson equation, relative to its right-hand side (-)."""
     relaxation: float = Field(RELAXATION, ge=0, le=4)
-    """Rate at which crowded particles are spread out, divided by sqrt(g/h) (-)."""
+    """Rate at which crowded particles are spread out, divided by sqrt(g/h) (-), where h is the smoothing
+    length."""
     shifting: float | None = Field(None, ge=1e-6, le=20)
     """Strength of the particle shifting (-); by default particles are not shifted."""
     surface: Literal["empty_neighbours", "particles"] = "empty_neighbours"
-    """Where the pressure is zero: just beyond the surface, or at the surface particles (Eq. 23-24)."""
+    """Free-surface condition: zero pressure just beyond the surface (`empty_neighbours`), or at the surface
+    particles (`particles`, Eq. 23-24)."""
 
     bytes_per_particle: ClassVar[dict[int, int]] = {2: 2100, 3: 1900}
     """Memory per particle of water or wall, bytes, by number of dimensions. Measured as for the weakly
@@ -166,8 +171,8 @@ class Tank(Section):
     """Height of the walls, m; by default high enough for waves and a body, or four depths with a released
     column."""
     rim: Literal["closed", "open"] = "closed"
-    """Water that splashes over the walls ends the run (`closed`), or leaves and is counted as `spilt`
-    (`open`)."""
+    """Upper edge of the walls: water that splashes over it ends the run (`closed`), or leaves the tank and is
+    counted as `spilt` (`open`)."""
     column: Length | None = None
     """Length of a column of water at x = 0, m, released at t = 0 into the otherwise dry tank (a dam
     break)."""
@@ -255,7 +260,8 @@ class Output(Section):
     snapshot_dt: Time = 0.2
     """Time between two snapshots of all particles, s; rounded to a whole number of samples."""
     periods: int = Field(10, ge=1, le=10**6)
-    """Number of whole wave periods at the end of the run over which power and efficiency are averaged."""
+    """Largest number of whole wave periods (of bichromatic waves: wave groups) at the end of the run over
+    which power and efficiency are averaged; a sea is averaged over one repetition."""
 
 
 ONLY_BODY = "body"
@@ -297,7 +303,7 @@ class Sections(Section):
     air: AirSection | None = None
     start: StandingWave | None = None
     body: BodySection | None = None
-    """The only rigid body, in short form; its name is `body`."""
+    """Rigid body with the name `body`: the short form for a case with a single body."""
     bodies: dict[Name, BodySection] = Field({})
     """Rigid bodies, by name."""
     link: dict[Name, LinkSection] = Field({})
@@ -307,7 +313,7 @@ class Sections(Section):
     solid: dict[Name, SolidSection] = Field({})
     """Fixed solids, by name."""
     chamber: dict[Name, ChamberSection] = Field({})
-    """Air chambers between any two walls, by name."""
+    """Air chambers between walls or in hollows of bodies, by name."""
     duct: dict[Name, DuctSection] = Field({})
     """Ducts between chambers, by name."""
     probes: ProbesSection = ProbesSection.model_validate({})

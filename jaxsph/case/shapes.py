@@ -29,7 +29,10 @@ def shape_of(section: ShapeSection, name: str, dim: int, dx: float) -> AbstractS
     """
     given = section.given
     if given.dim != dim:
-        raise CaseError(f"{name}: the shape has {given.dim} dimensions, but the tank has {dim}")
+        raise CaseError(
+            f"{name}: the shape has {given.dim} dimensions, but the tank has {dim}: choose another shape, or "
+            f"{'give' if dim == 2 else 'remove'} tank.width"
+        )
     given.check(f"{name}.{section.shape_key}", dx)
     return section.placed(dx)
 
@@ -106,8 +109,8 @@ def check_dimensions(section: BodySection, key: str, dim: int) -> None:
     beyond = [one for one in section.free if one not in PLANAR]
     if beyond:
         raise CaseError(
-            f"{key}.free: {', '.join(beyond)} need three dimensions: give tank.width, or leave them out; "
-            f"in two dimensions there are {', '.join(PLANAR)}"
+            f"{key}.free: {', '.join(beyond)}: only available in three dimensions: give tank.width, or leave "
+            f"out these motions; in two dimensions there are {', '.join(PLANAR)}"
         )
     motion = section.motion
     values: dict[str, tuple[Any, int]] = {
@@ -229,8 +232,8 @@ def in_order(case: Sections) -> dict[str, BodySection]:
         if not ready:
             circle = sorted(sections.keys() - found)
             raise CaseError(
-                f"{', '.join(case.body_key(name) for name in circle)}: joined_to forms a loop: join one of "
-                "these bodies to the tank (remove the key)"
+                f"{', '.join(case.body_key(name) for name in circle)}: joined_to forms a loop "
+                "among these bodies: join one body of the loop to the tank (remove its joined_to)"
             )
         found |= ready
     return found

@@ -29,7 +29,7 @@ MOST_SAMPLES = 20_000
 
 
 class RegularWavesSection(AbstractWavesSection):
-    """Regular waves: `kind = "regular"`, or no kind."""
+    """Regular waves: `kind = "regular"`, the default."""
 
     least_length = 4
     height_key = "H"

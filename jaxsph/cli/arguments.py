@@ -123,7 +123,7 @@ Method = Annotated[
     Way,
     typer.Option(
         help="ensemble: many runs, gives a standard error; filtered: one run, gives a biased slope; "
-        "exact: one run, only for a fraction of a second."
+        "exact: one run, useful only if t1 is a fraction of a second."
     ),
 ]
 

@@ -50,7 +50,9 @@ def plot(
             return
         opened = RunFile.open(file)
         if linear and "program" in opened.case_keys():
-            raise CaseError(f"--linear: {file} is the run of a program, for which there is no linear theory")
+            raise CaseError(
+                f"--linear: {file} was made by a Python program; linear theory is available only for cases"
+            )
         expected = js.linear_owc(js.Case.from_dict(opened.case_keys())) if linear else None
         for path in plot_run(opened, folder=folder, animation=animation, linear=expected):
             typer.echo(path)

@@ -35,7 +35,7 @@ def write_page(path: Path, wanted: bool, quiet: bool) -> None:
     try:
         page = report(path)
     except JaxsphError as error:
-        typer.echo(f"note: no page for a browser: {error}", err=True)
+        typer.echo(f"note: the page for a browser was not written: {error}", err=True)
         return
     if not quiet:
         typer.echo(f"page for a browser: {page}")

@@ -45,9 +45,10 @@ def real(value: ArrayLike) -> Float[Array, "..."]:
 
 
 def on_device(value: ArrayLike | Sequence[Any], dtype: Any) -> jax.Array:
-    """Array on the device of a value on the host, in its unit.
+    """Array on the device with a value from the host; the unit is unchanged.
 
-    The host converts it to `dtype`; `jnp.asarray` would load a program for every shape at every start.
+    The value is converted to `dtype` on the host. With `jnp.asarray`, JAX would load a program for every
+    shape each time Python starts.
     """
     return jax.device_put(np.asarray(value, dtype))
 

@@ -2,8 +2,8 @@
 
 A polynomial is stored as the tuple of its coefficients: first those of the monomials of first degree in the
 coordinates d = (x_j - x_i)/R of the neighbours j in the support of radius R, then those of second degree. The
-polynomial has no constant term, because the polynomial describes the differences of the field from its value
-at the particle.
+polynomial has no constant term, because it describes the differences of the field from its value at the
+particle.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ RIDGE = 1e-6
 """Weight of the squared coefficients in the least-squares fit, in which the neighbours' weights sum to 1.
 
 This weight makes the polynomial unique where a particle has too few neighbours to determine it, as in spray.
-The weight is ten times the rounding error of float32, and changes other polynomials by a relative amount of
-this order.
+Where there are enough neighbours, the weight changes the polynomial by a relative amount of the order of
+1e-6. The weight is ten times the rounding error of float32.
 """
 
 

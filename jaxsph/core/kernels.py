@@ -36,7 +36,10 @@ class AbstractKernel(eqx.Module):
 
     @abc.abstractmethod
     def slope(self, r2: Float[Array, "..."], h: ArrayLike, dim: int) -> Float[Array, "..."]:
-        """Slope factor F = (dW/dr)/r <= 0, m^-(dim+2), from r2 = r^2 (m2). The caller truncates F, too."""
+        """Slope factor F = (dW/dr)/r <= 0, m^-(dim+2), from r2 = r^2 (m2).
+
+        The caller sets F to zero for r >= reach * h.
+        """
 
 
 class Gaussian(AbstractKernel):

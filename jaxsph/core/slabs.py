@@ -183,7 +183,7 @@ class Slabs(eqx.Module):
         return sources._replace(halo={**sources.halo, **halo})
 
     def halos(self, fields: Fields) -> Fields:
-        """Fields of the particles in a slab's halos, first the halo before the slab; for use within
+        """Fields of the particles in a slab's halos, those from the preceding slab first; for use within
         `over_slabs`."""
         leaves, structure = jax.tree.flatten(fields)
         found: list[Any] = [None] * len(leaves)
@@ -252,7 +252,10 @@ class Neighbours(eqx.Module):
     def sum_at(
         self, rows: Int[Array, " C"], law: Law, smoothing: Smoothing, targets: Fields, sources: Sources
     ) -> Any:
-        """Sum of a pair law over the neighbours of the particles `rows`, whose fields are the targets."""
+        """Sum of a pair law over the neighbours of the particles with the indices `rows`.
+
+        `targets`: fields of these particles.
+        """
 
         def local(rows, sources, indices, targets):
             at, here = _local(rows, indices.shape[1])

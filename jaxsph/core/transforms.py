@@ -1,7 +1,7 @@
 """Hints to JAX's transformations, which leave all values unchanged.
 
-For `jax.vmap` over whole runs, all lanes share gathers and branches. For reverse mode, marks select the
-arrays that a loop stores; all other arrays are recomputed.
+Under `jax.vmap` over whole runs, all lanes (one per run) share gathers and branches. For reverse mode, marks
+select the arrays that a loop stores. All other arrays are recomputed.
 """
 
 from __future__ import annotations

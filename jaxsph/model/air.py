@@ -33,9 +33,10 @@ class Air(eqx.Module):
     """State of the air in a chamber, or in a duct, at one time."""
 
     P_a: Scalar
-    """Gauge pressure of the air, Pa, positive when compressed."""
+    """Gauge pressure of a chamber's air, positive when compressed, or pressure drop along a duct, Pa."""
     q: Scalar
-    """Flow of air out of the chamber, m3/s (m2/s in 2-D); positive when the water rises."""
+    """Flow of air out of the chamber, positive when the water rises, or through the duct, m3/s (m2/s in
+    2-D)."""
     driven: Tally
     """Volume of air displaced by the rise of the water, or passed through a duct, since the start of the run,
     m3 (m2 in 2-D)."""

@@ -43,8 +43,8 @@ def check_parts(model: Model) -> None:
     ends = {end for duct in model.ducts for end in duct.between} - {one.name for one in model.chambers}
     if ends:
         raise ValueError(
-            f"ducts end at {', '.join(sorted(ends))}, but must end at chambers of the model: "
-            "give names of chambers"
+            f"ducts end at {', '.join(sorted(ends))}, but must end at chambers of the model: give names of "
+            f"chambers ({', '.join(one.name for one in model.chambers) or 'none'})"
         )
     at_last = jnp.asarray(jnp.inf)
     afloat = [body.name for body in model.bodies if model.forces and np.any(body.joint.movable(at_last))]

@@ -161,8 +161,8 @@ class AbstractDamper(AbstractPart):
     def damp(
         self, x: Float[Array, "N D"], u: Float[Array, "N D"], t: Scalar, dt: Scalar
     ) -> Float[Array, "N D"]:
-        """Damped velocities (m/s) of water at x (m) with velocities u (m/s), for a step of dt (s) to the time
-        t (s)."""
+        """Damped velocities (m/s) of water at x (m) with velocities u (m/s), for a step of dt (s) that ends
+        at the time t (s)."""
 
 
 class AbstractOutlet(AbstractPart):

@@ -4,9 +4,9 @@ A law returns the term of one pair (`pairs.Pair`) from the fields of its two par
 written as sums over j, which the pair loop computes from the terms. Equation numbers refer to Zhu
 et al. 2020.
 
-Fields: x (m), u (m/s), rho (kg/m3, the deviation from rho0), p (Pa), V (m3; m2 in 2-D; a negative sign marks
-a source in a wall; such sources are excluded from the density diffusion), grad_rho (kg/m4), grad_u (1/s, one
-gradient per component).
+Fields: x (m), u (m/s), rho (kg/m3, the deviation from rho0), p (Pa), V (m3; m2 in 2-D), grad_rho (kg/m4).
+A negative V marks a source in a wall. Such sources are excluded from the gradient and the diffusion of the
+density.
 """
 
 from __future__ import annotations

@@ -123,7 +123,10 @@ class Mechanism(NamedTuple):
         for link in self.links:
             for name in link.ends.bodies:
                 if name not in known:
-                    raise ValueError(f"the link {link.name} connects {name}, which is not among the bodies")
+                    raise ValueError(
+                        f"the link {link.name} connects {name}, which is not among the bodies "
+                        f"({', '.join(sorted(known - {''})) or 'none'}): give the name of a body"
+                    )
 
     def start(self, dtype: Any) -> dict[str, Any]:
         """Motions of the bodies and states of the links at t = 0, by name."""

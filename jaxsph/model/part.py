@@ -77,7 +77,8 @@ class AbstractPart(eqx.Module):
     def oscillations(self, dim: int) -> Mapping[str, Oscillation]:
         """Oscillations whose amplitude in regular waves is a result, by name; empty by default.
 
-        The results are `amplitude_NAME`, `mean_NAME` and, relative to the waves' amplitude, `rao_NAME`.
+        The results are `amplitude_NAME` and, as the `Oscillation` states, `rao_NAME` (relative to the
+        amplitude of the waves), `mean_NAME` and `drift_NAME`.
         """
         del dim
         return {}

@@ -87,7 +87,7 @@ class Regularisation(eqx.Module):
 
     **Hyperviscosity** damps the part of the velocity that a local polynomial of second degree does not fit.
     Around every particle i, the polynomial P_i is fitted to the velocity differences u_j - u_i of the
-    neighbours by least squares, with weights w_ij proportional to V_j (1 - r_ij^2/R^2)^2, whose sum over a
+    neighbours by least squares, with weights w_ij proportional to V_j (1 - |r_ij|^2/R^2)^2, whose sum over a
     lattice is 1; R is the radius of the support. The velocities follow the negative gradient of the squared
     residuals, du_i/dt = hyperviscosity sqrt(g/h) sum_j w_ij (e_ij - e_ji), where
     e_ij = u_j - u_i - P_i(x_j - x_i) is the residual at the neighbour. The kinetic energy therefore never
@@ -100,9 +100,9 @@ class Regularisation(eqx.Module):
     `THIN`, the polynomial is of first degree.
 
     **Separation** moves apart particles that an impact has brought closer than 0.6 spacings:
-    dr_i/dt = separation sqrt(g/h) dx sum_j (V_j/dx^D) (1 - r_ij/(0.6 dx)) r_ij/|r_ij|. Every particle keeps
-    its velocity. Particles farther apart are not affected, whether in a wave or at a surface. Separation
-    therefore cannot lift a surface.
+    dr_i/dt = separation sqrt(g/h) dx sum_j (V_j/dx^D) (1 - |r_ij|/(0.6 dx)) r_ij/|r_ij|, r_ij = x_i - x_j.
+    Every particle keeps its velocity. Particles farther apart are not affected, whether in a wave or at a
+    surface. Separation therefore cannot lift a surface.
 
     Both methods conserve the momentum of every pair. The ledger contains the energies that they dissipate;
     separation dissipates only potential energy. Without gravity the rate sqrt(g/h) is zero, and neither

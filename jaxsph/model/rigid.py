@@ -96,7 +96,7 @@ class AbstractSpace(abc.ABC):
     def gyroscopic(
         self, matrix: Float[Array, "*A V V"], velocity: Float[Array, "*A V"]
     ) -> Float[Array, "*A V"]:
-        """Forces and moments (N, N m) that keep a body with this mass `matrix` at a constant velocity."""
+        """Forces and moments (N, N m) that keep a body with the mass `matrix` at a constant velocity."""
 
 
 class _Plane(AbstractSpace):

@@ -33,7 +33,7 @@ class Shifting(eqx.Module):
     """Strength of the shifting (-), for example 1.
 
     A strength of 12 keeps the particles ordered in the tests with exact solutions; with a strength of 3 some
-    energy is still lost. Shifting is a diffusion, which is stable while strength U is below c0.
+    energy is still lost. Shifting is a diffusion, which is stable while strength times U is below c0.
     """
 
     def displacement(

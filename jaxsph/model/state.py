@@ -200,7 +200,10 @@ class State(eqx.Module):
 
 
 class Search(eqx.Module):
-    """Neighbour search, with the sizes of its tables and its interval; set in `build`, adjusted by `run`."""
+    """Neighbour search, with the sizes of its tables and its interval.
+
+    They are set when the model is built, and adjusted during a run.
+    """
 
     grid: Grid
     """Cells by which the particles are sorted."""

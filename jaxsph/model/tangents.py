@@ -35,8 +35,8 @@ class TangentFilter(AbstractTangents):
 
     Every `interval` steps a tangent f becomes f - (1 - S)^order f, with the average S over neighbours
     (`Average`). S is exact for linear fields, and therefore does not distort tangents at the free surface.
-    For S, components tangential to a wall are even functions across the wall. One average multiplies a wave
-    of wavenumber k by exp(-(k h)^2/4).
+    S treats the components tangential to a wall as even functions across the wall. One average multiplies a
+    wave of wavenumber k by exp(-(k h)^2/4).
 
     The filter must act faster than exact tangents grow. Exact tangents grow because the rows of the square
     lattice slide over each other under pressure. At the bed of still water 0.4 m deep, with dx = 0.02 m,

@@ -84,7 +84,7 @@ class CapytaineFile(AbstractCoefficientFile):
             "echo": (
                 ("omega", "radiating_dof"),
                 found.echo,
-                "ratio of the force of waves from the paddle, which was subtracted, to the radiation force",
+                "ratio of the force of waves that return from the paddle (subtracted) to the radiation force",
             ),
         }
         if found.linear is not None:

@@ -262,6 +262,9 @@ def _check_series(series: Mapping[str, np.ndarray], variables: Mapping[str, Vari
         raise ValueError(f'series {sorted(series)} lack "time"')
     for name, values in series.items():
         if values.ndim not in (1, 2) or len(values) != len(series["time"]):
-            raise ValueError(f"series {name!r} of shape {values.shape} does not match its times")
+            raise ValueError(
+                f"series {name!r} has shape {values.shape}: must be [T] or [T, k] with "
+                f"T = {len(series['time'])}, the number of times"
+            )
         if name not in variables:
             raise ValueError(f"series {name!r} has no units: describe it in `variables`")

@@ -145,7 +145,7 @@ class RunReader:
             return text_of(view.file, "labels", {})
 
     def series(self) -> dict[str, np.ndarray]:
-        """Series of both groups by name, `[T]` or `[T, k]`, and "time" (s); empty before the first chunk."""
+        """All series by name, `[T]` or `[T, k]`, and "time" (s); empty before the first chunk."""
         with self._view() as view:
             return view.series()
 

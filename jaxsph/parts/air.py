@@ -52,18 +52,18 @@ class AbstractAirLaw(eqx.Module):
         t: Scalar,
         dt: Scalar,
     ) -> tuple[Scalar, Scalar]:
-        """Gauge pressure (Pa) over a step of dt (s), and the flow (m2/s) through the power take-off.
+        """Gauge pressure (Pa) over a step of dt (s), and flow through the power take-off, m3/s (m2/s in 2-D).
 
         **Arguments** as for `AbstractPTO.pressure`; also `air`: the chamber's air at the beginning of the
-        step; `ducted`: flow into the chamber's ducts, m2/s.
+        step; `ducted`: flow into the chamber's ducts, m3/s (m2/s in 2-D).
         """
 
     @abc.abstractmethod
     def divided(self, pressed: Pressed, mean: Scalar) -> tuple[Scalar, Scalar]:
-        """Flows through the power take-off and into the ducts in a step, m2/s.
+        """Flows through the power take-off and into the ducts in a step, m3/s (m2/s in 2-D).
 
         **Arguments**: `pressed`: pressures and flows of the air in the step; `mean`: mean flow at the water's
-        surface over the step, m2/s.
+        surface over the step, m3/s (m2/s in 2-D).
         """
 
     @abc.abstractmethod
@@ -75,7 +75,7 @@ class AbstractAirLaw(eqx.Module):
         """State of the air after a step of dt (s).
 
         **Arguments**: `passed`: flow through the power take-off; `left`: flow through the power take-off and
-        the ducts together; `mean`: mean flow at the water's surface; all in m2/s.
+        the ducts together; `mean`: mean flow at the water's surface; all in m3/s (m2/s in 2-D).
         """
 
 
@@ -126,9 +126,9 @@ class Confined(eqx.Module):
     """State of compressible air in a chamber."""
 
     excess: Tally
-    """Volume that the air would have at ambient pressure, minus the present volume, m2."""
+    """Volume that the air would have at ambient pressure, minus the present volume, m3 (m2 in 2-D)."""
     passed: Scalar
-    """Flow through the power take-off in the last step, m2/s."""
+    """Flow through the power take-off in the last step, m3/s (m2/s in 2-D)."""
 
 
 class IsentropicAir(AbstractAirLaw):
@@ -141,7 +141,7 @@ class IsentropicAir(AbstractAirLaw):
     """
 
     volume: Scalar
-    """Volume of the air over still water, m2 (per metre of the chamber's width)."""
+    """Volume of the air over still water, m3 (m2, per metre of the chamber's width, in 2-D)."""
     p0: Scalar
     """Ambient pressure, Pa."""
     gamma: Scalar
@@ -171,16 +171,17 @@ class IsentropicAir(AbstractAirLaw):
         return self.p0 * jnp.expm1(self.gamma * jnp.log1p(jnp.maximum(share, -0.9)))
 
     def _room(self, air: Air) -> Scalar:
-        """Volume of the air above the water, m2: at least 2 % of the volume over still water."""
+        """Volume of the air above the water, m3 (m2 in 2-D): at least 2 % of the volume over still water."""
         return jnp.maximum(self.volume - air.driven.total, 0.02 * self.volume)
 
     def press(self, pto, air, q_free, compliance, ducted, t, dt):
         """See `AbstractAirLaw`.
 
         For soft air the flow at the surface is evaluated in the middle of the step, so that the spring
-        neither gains nor loses energy. With increasing omega^2 dt^2 = dt compliance / give, where give is
-        -dV/dP_a, the time of evaluation moves towards the end of the step. This shift damps oscillations
-        from step to step if the air is too stiff for dt.
+        neither gains nor loses energy. The time of evaluation moves towards the end of the step as
+        omega^2 dt^2 = dt compliance / give increases, where omega is the natural frequency of the water on
+        the air spring, and give is -dV/dP_a. This shift damps oscillations from step to step if the air is
+        too stiff for dt.
         """
         P_n = self.pressure(air)
         give = self._room(air) / (self.gamma * (self.p0 + P_n))  # -dV/dP_a
@@ -208,7 +209,7 @@ class IsentropicAir(AbstractAirLaw):
         return Confined(air.confined.excess.add(dt * (mean - left)), passed)
 
     def stored(self, air: Air) -> Scalar:
-        """Energy stored in the air by compression from the ambient pressure, J/m."""
+        """Energy stored in the air by compression from the ambient pressure, J (J/m in 2-D)."""
         room = self._room(air)
         excess = air.confined.excess.total
         n = self.gamma - 1.0

@@ -30,7 +30,7 @@ WORDS = {
     "heave": "displacement of the {} upwards",
     "roll": "angle of the {} about the axis along the tank",
     "pitch": "angle of the {}, positive landward",
-    "yaw": "angle of the {} about the upright axis",
+    "yaw": "angle of the {} about the vertical axis",
 }
 """Descriptions of the motions of a body, with a placeholder for its name."""
 ADRIFT = ("surge", "sway", "yaw")
@@ -69,7 +69,8 @@ class RigidBody(PosedSolid, AbstractBody):
     mass: Scalar
     """Mass, kg (kg/m in 2-D)."""
     inertia: Float[Array, "..."]
-    """Inertia about the centre of mass at rest: a number (kg m) in 2-D, a tensor `[3, 3]` (kg m2) in 3-D."""
+    """Moment of inertia about the centre of mass at rest: a number (kg m) in 2-D, a tensor `[3, 3]` (kg m2)
+    in 3-D."""
     pivot: Float[Array, " D"]
     """Point of the joint at rest, about which moments are taken, m."""
     centre: Float[Array, " D"]

@@ -158,9 +158,9 @@ def _hanging(y: Scalar, parameters: tuple[Scalar, Scalar, Scalar]) -> Scalar:
 
 
 def _grounded(y: Scalar, parameters: tuple[Scalar, Scalar, Scalar]) -> Scalar:
-    """Span of a line with the horizontal force exp(y) minus the given span x (-).
+    """Span of a line with the horizontal force exp(y), minus the given span x (-).
 
-    Spans are divided by the line's length, and forces by its weight.
+    Spans are divided by the line's length, and forces by the line's weight.
     """
     x, h, k = parameters
     H = jnp.exp(y)
@@ -169,9 +169,9 @@ def _grounded(y: Scalar, parameters: tuple[Scalar, Scalar, Scalar]) -> Scalar:
 
 
 def _lifted(H: Scalar, h: Scalar, k: Scalar) -> Scalar:
-    """Vertical force at the fairlead of a line that lies partly on the bed, divided by its weight (-).
+    """Ratio of the vertical force at the fairlead to the weight of a line that lies partly on the bed (-).
 
-    The height h is divided by the line's length, and the horizontal force H by its weight.
+    The height h is divided by the line's length, and the horizontal force H by the line's weight.
     """
     # the tension minus H, in a form without squares of k, which may overflow
     twice = 2.0 * h * k / (H + k)
@@ -189,7 +189,8 @@ def _energy(x: Scalar, z: Scalar, line: AbstractCatenary) -> Scalar:
 
 @_energy.defjvp
 def _energy_jvp(primals, tangents):
-    """Derivative of the energy at fixed end forces: it is exact, since the energy is stationary in them."""
+    """Derivative of the energy at fixed end forces. This derivative is exact, because the energy is
+    stationary with respect to the end forces."""
     x, z, line = primals
     span = _span(x, line)
     force = line.end_forces(span, z)

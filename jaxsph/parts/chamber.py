@@ -84,8 +84,8 @@ class Chamber(AbstractChamber):
     still: Scalar
     """Still water level, m."""
     beyond: Scalar
-    """Distance (m) behind the back wall's face up to which a particle pressed into the wall still counts as
-    inside the chamber."""
+    """Distance (m) behind the face of the back wall (in 3-D of any wall) up to which a particle pressed into
+    the wall still counts as inside the chamber."""
     air: AbstractAirLaw = IncompressibleAir()
     """Air between the water and the power take-off."""
     frame: AbstractFrame = eqx.field(default=TankFrame(), kw_only=True)
@@ -111,8 +111,8 @@ class Chamber(AbstractChamber):
         **Arguments**: `between`: inner faces of the front and the back wall, each given by its x (m) if it is
         upright, or by its corners (x, z) (m) from the bottom up; in three dimensions the three or more
         corners `[K, 2]` (x, y) (m) of the water surface between upright walls; `tip`: level of the front
-        wall's tip, below which air would escape, m; `level`: still water level, m; `dx`: spacing, m; `air`:
-        law of the air, for example `IsentropicAir`; incompressible by default.
+        wall's tip, m (air escapes if the water falls below this level); `level`: still water level, m; `dx`:
+        spacing, m; `air`: law of the air, for example `IsentropicAir`; incompressible by default.
         """
         fade_high = tip + 0.5 * (level - tip)
         base = 0.5 * (tip + fade_high)

@@ -1,9 +1,9 @@
 """Mooring line of lumped masses in still water: axial stiffness and damping, drag, added mass and the bed.
 
-The equations are those of Hall and Goupee 2015: half of the mass, weight and forces of each segment acts on
-the node at each end. Each step of the water is divided into several short steps of the line. In each short
-step the nodes drift for half the step, the forces change the nodes' velocities, and the nodes drift for the
-other half. Drag and the damping of the bed are integrated implicitly.
+The equations are those of Hall and Goupee 2015: half of the mass, weight and forces of each segment is
+assigned to the node at each end. Each step of the water is divided into several short steps of the line. In
+each short step the nodes drift for half the step, the forces change the nodes' velocities, and the nodes
+drift for the other half. Drag and the damping of the bed are integrated implicitly.
 """
 
 from __future__ import annotations
@@ -75,14 +75,17 @@ class Forces(NamedTuple):
     constant: Float[Array, "N D"]
     """Sum of tension, weight and the elastic force of the bed, N (N/m in 2-D)."""
     mass: Float[Array, "N D D"]
-    """Mass of the nodes with the water's added mass, kg."""
+    """Mass matrices of the nodes, including added mass, kg (kg/m in 2-D)."""
     damping: Float[Array, "N D D"]
-    """Damping matrices of drag and bed: force opposite to the velocity, per unit velocity, N s/m."""
+    """Damping matrices of drag and bed: force opposite to the velocity, per unit velocity, N s/m (N s/m2
+    in 2-D)."""
 
 
 class LumpedLine(AbstractMooringLaw):
-    """Law of a mooring line whose mass is lumped at nodes; its extension is the fairlead's position relative
-    to the anchor."""
+    """Law of a mooring line whose mass is lumped at nodes.
+
+    The extension of the link is the position of the fairlead relative to the anchor.
+    """
 
     at_rest: AbstractCatenary
     """Catenary in which the line starts at rest, with the line's length, weight and axial stiffness."""
@@ -212,7 +215,7 @@ class LumpedLine(AbstractMooringLaw):
         sunk = jnp.maximum(self.bed.height - x[:, -1], 0.0)
         hung = share * (self.bed.stiffness * sunk - self.at_rest.weight)
         pulled = jnp.concatenate([tension, none]) - jnp.concatenate([none, tension])
-        # direction of the line at a node: along the chord of its neighbours
+        # direction of the line at a node: along the chord between the two neighbouring nodes
         chord = jnp.concatenate([x[1:], x[-1:]]) - jnp.concatenate([x[:1], x[:-1]])
         along = chord / jnp.sqrt(jnp.sum(chord**2, axis=1, keepdims=True) + 1e-18)
         parallel = along[:, :, None] * along[:, None, :]
@@ -269,14 +272,15 @@ def _vertical(H: Scalar, line: AbstractCatenary, below: Array, height: Scalar) -
 
 
 def _height_beyond(y: Scalar, parameters: tuple) -> Scalar:
-    """Height of a chain minus the given height, m; its vertical force is sinh(y) times its weight."""
+    """Height of a chain minus the given height, m. The vertical force at the fairlead is sinh(y) times the
+    weight of the chain."""
     H, line, below, height = parameters
     V = line.weight * line.length * jnp.sinh(y)
     return jnp.sum(_sides(H, V, line, below)[1]) - height
 
 
 def _span_beyond(y: Scalar, parameters: tuple) -> Scalar:
-    """Span of a chain with the horizontal force exp(y) minus the given span, m."""
+    """Span of a chain with the horizontal force exp(y) (N), minus the given span, m."""
     line, below, span, height = parameters
     H = jnp.exp(y)
     return jnp.sum(_sides(H, _vertical(H, line, below, height), line, below)[0]) - span

@@ -75,7 +75,7 @@ class AlongJoint(AbstractEnds):
 
     @classmethod
     def of(cls, body: AbstractBody, coordinate: int) -> AlongJoint:
-        """Builds the ends of a link along the coordinate with this index of a body's joint.
+        """Builds the ends of a link along a coordinate of a body's joint; `coordinate`: its index.
 
         The ends store the coordinate's unit. **Raises** ValueError if the joint has no such coordinate.
         """
@@ -277,7 +277,7 @@ class HydraulicTakeOff(AbstractLaw):
     def stored(self, own, s):
         """See `AbstractLaw`: the work of compressing the gas against p0."""
         squeezed, over = -jnp.log1p(-own / self.volume), self.gamma - 1.0
-        # the work divided by p0 V0 is (exp(over squeezed) - 1) / over, and its limit for constant temperature
+        # the work divided by p0 V0 is (exp(over squeezed) - 1) / over; at constant temperature, squeezed
         warm = jnp.where(over == 0.0, 1.0, over)
         work = jnp.where(over == 0.0, squeezed, jnp.expm1(warm * squeezed) / warm)
         return self.pressure * (self.volume * work - own) + 0.0 * s

@@ -55,7 +55,8 @@ def span_and_height(s: Float[Array, " D"]) -> tuple[Scalar, Scalar]:
 
 
 def upright(line: Float[Array, "K 2"], s: Float[Array, " D"]) -> Float[Array, "K D"]:
-    """Points (m) of a line given by span and height, in the vertical plane through the vector s (m)."""
+    """Points (m) of a line, from their horizontal distances and heights (m) in the vertical plane that
+    contains the vector s (m)."""
     across = s[:-1] / span_and_height(s)[0]
     return jnp.concatenate([line[:, :1] * across, line[:, 1:]], axis=1)
 

@@ -103,8 +103,8 @@ class AbsorbingMotion(AbstractMotion):
         expected = self.absorption.gauge_elevation(self.waves, t)
         lag = self.absorption.filter_time(self.waves)
         error = motion.error + dt / (lag + dt) * (expected - elevation - motion.error)
-        # Standing waves lower the mean level by a fraction of a millimetre. This change must not be
-        # absorbed, because the paddle would drift.
+        # Standing waves lower the mean level by a fraction of a millimetre. The paddle would drift if it
+        # absorbed this change.
         mean = motion.mean + dt * self.absorption.drift_rate * (error - motion.mean)
         eta = self.absorption.gauge_elevation(self.waves, t + dt) - (error - mean)
         U = self.absorption.velocity(self.waves, motion.X, t + dt, eta)

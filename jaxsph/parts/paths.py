@@ -6,7 +6,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-import scipy  # which imports its subpackages on first use
+import scipy  # scipy imports its subpackages on first use
 
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.parts.driven import AbstractPath
@@ -39,7 +39,8 @@ class SampledPath(AbstractPath):
     t: Float[Array, " K"]
     """Times of the samples, s."""
     coefficients: Float[Array, "4 K-1 V"]
-    """Coefficients of the motions (m, rad) in falling powers of the time since a sample."""
+    """Coefficients of the cubics between samples (m, rad), in descending powers of the time (s) since the
+    earlier sample."""
 
     @classmethod
     def of(cls, t: np.ndarray, poses: np.ndarray, dtype: Any = jnp.float32) -> SampledPath:

@@ -2,7 +2,7 @@
 
 Signs: `P_a` is the gauge pressure of a chamber's air, positive when compressed; `q` is the volume flow of air
 out of the chamber, at the density of the ambient air, positive when the water column rises. The PTO absorbs
-the power P_a q, which for a turbine is never negative.
+the power P_a q, which for a turbine is never negative. In 2-D flows and powers are per metre of width.
 
 A law is solved in closed form together with the response of water and air over the step, q = q_free -
 compliance P_a, and is therefore stable for any damping coefficient.
@@ -43,7 +43,7 @@ class AbstractTurbine(AbstractPTO):
 
     @abc.abstractmethod
     def flow(self, P_a: Scalar) -> Scalar:
-        """Flow through the turbine at the gauge pressure P_a (Pa), m2/s."""
+        """Flow through the turbine at the gauge pressure P_a (Pa), m3/s (m2/s in 2-D)."""
 
 
 class PneumaticPTO(AbstractTurbine):
@@ -53,15 +53,15 @@ class PneumaticPTO(AbstractTurbine):
     """
 
     K_dm: Scalar
-    """Damping coefficient, kg^0.5 m^-2.5 (flow per unit width)."""
+    """Damping coefficient, kg^0.5 m^-2.5 (kg^0.5 m^-3.5 in 3-D)."""
 
     def pressure(self, q_free, compliance, t):
         """See `AbstractPTO`."""
         del t
-        # 1e-12 m2/s, a negligible flow, keeps the derivative finite at q = 0.
+        # 1e-12, a negligible flow, keeps the derivative finite at q = 0.
         size = jnp.abs(q_free) + 1e-12
         root = jnp.sqrt(1.0 + 4.0 * compliance * self.K_dm**2 * size)
-        scaled = 2.0 * self.K_dm / (1.0 + root)  # this ratio is small where K_dm^2 overflows
+        scaled = 2.0 * self.K_dm / (1.0 + root)  # divided before it is squared: K_dm^2 may be very large
         return scaled**2 * size * q_free
 
     def flow(self, P_a):
@@ -70,7 +70,7 @@ class PneumaticPTO(AbstractTurbine):
 
 
 class Constriction(PneumaticPTO):
-    """Constriction in a duct, where energy is lost: P_a = K_dm^2 |q| q."""
+    """Constriction in a duct, where energy is lost: the pressure drop is P_a = K_dm^2 |q| q."""
 
     def entries(self, whose):
         """See `AbstractPTO`."""
@@ -78,10 +78,11 @@ class Constriction(PneumaticPTO):
 
 
 def orifice_damping(area: float, discharge: float, density: float = 1.2) -> float:
-    """Damping coefficient K_dm (kg^0.5 m^-2.5) of an orifice, sqrt(density / 2) / (discharge * area).
+    """Damping coefficient K_dm of an orifice, kg^0.5 m^-2.5 (kg^0.5 m^-3.5 in 3-D).
 
-    Bernoulli's law gives P_a = (density / 2) (q / (discharge * area))^2. **Arguments**: `area`, m2 per metre
-    of the chamber's width; `discharge`: discharge coefficient (-), about 0.6 for a sharp edge; `density`:
+    The coefficient is sqrt(density / 2) / (discharge * area), because Bernoulli's law gives
+    P_a = (density / 2) (q / (discharge * area))^2. **Arguments**: `area`, m2 per metre of the chamber's width
+    (m2 in 3-D); `discharge`: discharge coefficient (-), about 0.6 for a sharp edge; `density`:
     density of air, kg/m3.
     """
     return float(np.sqrt(0.5 * density) / (discharge * area))
@@ -91,7 +92,7 @@ class LinearTurbine(AbstractTurbine):
     """Linear turbine, for example a Wells turbine: P_a = resistance q."""
 
     resistance: Scalar
-    """Resistance, Pa s/m2 (flow per unit width)."""
+    """Resistance, Pa s/m2 (Pa s/m3 in 3-D)."""
 
     def pressure(self, q_free, compliance, t):
         """See `AbstractPTO`."""
@@ -110,7 +111,7 @@ class CharacteristicCurve(AbstractTurbine):
     """
 
     q: Float[Array, " n"]
-    """Flows, m2/s, in ascending order."""
+    """Flows, m2/s (m3/s in 3-D), in ascending order."""
     P_a: Float[Array, " n"]
     """Gauge pressures at these flows, Pa, in ascending order."""
 
@@ -133,7 +134,9 @@ def _on_lines(x: Scalar, nodes: Float[Array, " n"], values: Float[Array, " n"]) 
 
 
 class PhasedPTO(AbstractPTO):
-    """Quadratic turbine whose damping varies with the waves' phase, by a Fourier series of its logarithm.
+    """Quadratic turbine whose damping varies with the phase of the waves.
+
+    The logarithm of the damping is a Fourier series,
 
         ln(K_dm(t)/K_dm) = sum_n a_n cos(n omega t) + b_n sin(n omega t).
 
@@ -141,14 +144,14 @@ class PhasedPTO(AbstractPTO):
     """
 
     K_dm: Scalar
-    """Geometric mean of the damping over a wave period, kg^0.5 m^-2.5."""
+    """Geometric mean of the damping over a wave period, kg^0.5 m^-2.5 (kg^0.5 m^-3.5 in 3-D)."""
     phase: Float[Array, " 2n"]
     """Fourier coefficients a_1, b_1, a_2, b_2, ... (-)."""
     omega: Scalar
     """Angular frequency of the waves, rad/s."""
 
     def damping(self, t: Scalar) -> Scalar:
-        """Damping coefficient K_dm at the time t (s), kg^0.5 m^-2.5."""
+        """Damping coefficient K_dm at the time t (s), kg^0.5 m^-2.5 (kg^0.5 m^-3.5 in 3-D)."""
         n = 1 + jnp.arange(self.phase.shape[0] // 2)
         angle = n * self.omega * t
         a, b = self.phase[::2], self.phase[1::2]
@@ -244,7 +247,7 @@ def _turbine(pto: AbstractPTO) -> AbstractTurbine:
     if not isinstance(pto, AbstractTurbine):
         raise TypeError(
             f"turbine = {type(pto).__name__} cannot be in parallel with a relief valve: "
-            "use an AbstractTurbine"
+            "use an AbstractTurbine, for example PneumaticPTO or LinearTurbine"
         )
     return pto
 

@@ -32,9 +32,9 @@ class RelaxationZone(AbstractDamper):
 
     The rate falls smoothly from the near end to zero at the zone's end. Reflected waves are a deviation from
     the given waves, and the zone damps them as a sponge does. The method follows Jacobsen, Fuhrman and
-    Fredsoe (2012) and Altomare et al. (2018), with two differences: a rate replaces the mixing of velocities,
-    so that the result does not depend on the time step, and the wall behind the zone moves with the waves'
-    mean flow.
+    Fredsoe (2012) and Altomare et al. (2018), with two differences. Velocities are relaxed at a rate (1/s)
+    instead of with a fixed weight in every step, so that the result does not depend on the time step. The
+    wall behind the zone moves with the waves' mean flow.
     """
 
     waves: AbstractWaves
@@ -121,7 +121,7 @@ class BasinZone(AbstractDamper):
 
 
 def _fall(x: Float[Array, " N"], length: Scalar) -> Float[Array, " N"]:
-    """Smooth fall from 1 at x = 0 to 0 at x = `length` (m) (-)."""
+    """Factor (-) that falls smoothly from 1 at x = 0 to 0 at x = `length` (m)."""
     s = jnp.clip(1.0 - x / length, 0.0, 1.0)
     return s * s * (3.0 - 2.0 * s)
 

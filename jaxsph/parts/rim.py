@@ -25,13 +25,13 @@ class Spill(eqx.Module):
 class Rim(AbstractOutlet):
     """Top of a tank's walls, over which water leaves permanently.
 
-    A particle above the rim at a neighbour search loses its mass, and thus all effect on the flow. This
-    particle then rests in a corner above the tank, so that the number of particles and the shapes of arrays
-    stay the same.
+    A particle that is more than half a spacing above the rim at a neighbour search loses its mass, and thus
+    all effect on the flow. This particle then rests in a corner of the tank at the height of the rim, so that
+    the number of particles and the shapes of arrays stay the same.
     """
 
     corner: tuple[float, ...] = eqx.field(static=True)
-    """Position at the rim's height, above the tank, where particles without mass rest, m."""
+    """Position, m, in a corner of the tank at the height of the rim, where particles without mass rest."""
     name: str = eqx.field(static=True, default="rim", kw_only=True)
     usual_name: ClassVar[str] = "rim"
 

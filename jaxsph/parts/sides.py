@@ -31,8 +31,8 @@ class AbstractSides(eqx.Module):
     def between(self, x: Components, before: Scalar | float, behind: Scalar) -> Array:
         """Mask of points x (m) between the walls.
 
-        The mask includes points in the walls, less than `before` (m) from the face of the front wall of a
-        two-dimensional chamber, or `behind` (m) from any other face.
+        The mask also includes points inside a wall: in two dimensions up to `before` (m) from the face of the
+        front wall, and otherwise up to `behind` (m) from the face of the wall.
         """
 
     @abc.abstractmethod

@@ -49,7 +49,7 @@ class Sponge(AbstractDamper):
         return u * self.factor(x, dt)[:, None]
 
     def factor(self, x: Float[Array, "N D"], dt: ArrayLike) -> Float[Array, " N"]:
-        """Factor on the velocities at x (m) in a step of dt (s), 0 to 1 (-), by Eq. 28; 1 outside the
-        layers."""
+        """Factor by which the velocities at x (m) are multiplied in a step of dt (s), 0 to 1 (-), by Eq. 28;
+        1 outside the layers."""
         s = jnp.max(jnp.stack([layer.depth(x) for layer in self.layers]), axis=0)
         return jnp.clip(1.0 - dt * self.strength * s**2, 0.0, 1.0)

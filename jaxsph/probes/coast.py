@@ -20,7 +20,7 @@ class OvertoppingProbe(AbstractProbe):
 
     `overtopped` (m2) is the increase of the volume of water behind the crest since the start: the water that
     has passed over the crest, less the water that has come back or left the tank. `overtopping` (m2/s) is the
-    flow above the crest at the time of the sample.
+    flow over the crest at the time of the sample.
     """
 
     crest: Scalar

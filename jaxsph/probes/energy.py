@@ -89,7 +89,7 @@ class EnergyProbe(AbstractProbe):
         """See `AbstractProbe.describe`."""
         energy, power = per_metre("J", self.dim), per_metre("W", self.dim)
         mean = "mean since the last sample"
-        given = "power given to the water by paddles, driven bodies and body forces"
+        given = "power given to the water by paddles, driven bodies, relaxation zones and body forces"
         return {
             "kinetic": Reading(energy, "kinetic energy", group="energy"),
             "potential": Reading(energy, "potential energy relative to the initial state", group="energy"),

@@ -41,7 +41,7 @@ class PressureProbe(AbstractProbe):
 
 
 class BodyPressureProbe(AbstractProbe):
-    """Sensor of the water's gauge pressure (Pa) at points that move with a body, see `PressureProbe`."""
+    """Sensor of the water's gauge pressure (Pa) at points that move with a body; see `PressureProbe`."""
 
     x: Float[Array, "k D"]
     """Positions of the sensors on the body at rest, m."""

@@ -72,7 +72,10 @@ class Problem:
         self.remedies: Remedies = more.pop("remedies", {})
         self.mean_of_power: Callable[[str], MeanOfRecord] = more.pop("mean_of_power", self._energy_of)
         if more:
-            raise TypeError(f"Problem has no argument {', '.join(more)}")
+            raise TypeError(
+                f"Problem has no argument {', '.join(more)}: it has probes, results, snapshot_dt, name, "
+                "description, averaging, mean_of_power and remedies"
+            )
         self._check()
 
     def _check(self) -> None:
@@ -153,7 +156,10 @@ class Problem:
         if of != "energy_pto":
             raise CaseError(f"of = {of!r}: must be one of {', '.join(known)}")
         if not harvested(self.model):
-            raise CaseError(f"of = {of!r}: the model has no power take-off")
+            raise CaseError(
+                f"of = {of!r}: the model has no power take-off: add one to a chamber or a duct, or add a "
+                "link with harvests=True"
+            )
         return energy_of_power(self.sample_dt)
 
 

@@ -35,9 +35,11 @@ def doubts(results: Mapping[str, float], waves: bool) -> list[Doubt]:
         ),
         (
             abs(residual) > UNBOOKED,
-            f"The energy budget does not close: {100 * residual:+.1f} % of the work is not accounted for "
-            f"(limit: {100 * UNBOOKED:g} %).",
-            f"have an energy budget that does not close within {100 * UNBOOKED:g} %.",
+            f"The energy budget does not close: {100 * residual:+.1f} % of the paddle's work, or of the "
+            f"largest kinetic energy if that is larger, is not accounted for (limit: {100 * UNBOOKED:g} %). "
+            "Do not use the results, and report the case.",
+            f"have an energy budget that does not close within {100 * UNBOOKED:g} %: do not use their "
+            "results, and report the case.",
         ),
         (
             0 < periods < FEW and not results.get("periods_left_out"),  # else a notice gives this advice

@@ -27,7 +27,7 @@ MOST = 1_200_000
 LEAST_FRAMES = 24
 """Smallest number of frames to which a page is reduced; if that is not enough, fewer particles are shown."""
 SECTIONS = (5, 3, 1)
-"""Numbers of sections across a tank in three dimensions from which a page can choose."""
+"""Possible numbers of sections across a three-dimensional tank on a page, in order of preference."""
 HALF = 0.75
 """Half the thickness of a section, in spacings."""
 

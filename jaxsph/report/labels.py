@@ -24,7 +24,7 @@ _DEVICE = {
         "  efficiency: of the measured incident power", "", "over the incident power at the gauges"
     ),
     "capture_width": Label("capture width", "m", "absorbed power over incident power per metre of crest"),
-    "P_owc": Label("absorbed power", "W/m", "mean power of the turbine"),
+    "P_owc": Label("absorbed power", "W/m", "mean power of all power take-offs of a case with a turbine"),
     "P_pto": Label("absorbed power", "W/m", "mean power of the bodies' power take-offs"),
 }
 _WAVES = {
@@ -65,7 +65,9 @@ _NUMERICS = {
         "  not accounted for", "J/m", "work minus all other energies of the budget; zero in an exact budget"
     ),
     "energy_residual_share": Label(
-        "  not accounted for, share", "", "at most a few hundredths in a good run"
+        "  not accounted for, share",
+        "",
+        "over the paddle's work or the largest kinetic energy, whichever is larger; a few hundredths at most",
     ),
     "noise": Label(
         "noise of the particles, relative to their speed",

@@ -28,7 +28,7 @@ class Pack:
         self._size = 0
 
     def array(self, values: np.ndarray, kind: str = "f4") -> dict[str, Any]:
-        """Adds an array and returns its reference for the text."""
+        """Adds an array, and returns the reference to it that is put in the text."""
         data = np.ascontiguousarray(values, KINDS[kind]).tobytes()
         found = {"at": self._size, "n": int(np.size(values)), "type": kind}
         data += bytes(-len(data) % 8)

@@ -113,7 +113,7 @@ def _to_sides(heights: np.ndarray) -> np.ndarray:
 
 
 def _around(values: np.ndarray, law: Callable[..., np.ndarray], least: int) -> np.ndarray:
-    """`law` for the three by three cells around each cell `[X, Y]`; NaN for fewer than `least` values."""
+    """`law` of the values in 3 by 3 cells around each cell `[X, Y]`; NaN for fewer than `least` values."""
     padded = np.pad(values, 1, constant_values=np.nan)
     windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3)).reshape(*values.shape, 9)
     with warnings.catch_warnings():

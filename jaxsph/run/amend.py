@@ -1,4 +1,4 @@
-"""Changes to a case during a run that keep the lattice, the state's arrays and the series."""
+"""Changes to a case during a run; the lattice, the state's arrays and the series are kept."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ REASONS = {
     "dx": "it is the spacing of the existing particles",
     "g": "the energies in the file were computed with it from the start",
     "precision": "the checkpoint's arrays have the previous precision",
-    "fluid.c0": "the pressure of the water is stored as a density, with this speed of sound",
+    "fluid.c0": "the pressure of the water is stored as a density, which depends on the speed of sound",
     "fluid": "the particles' masses and pressures depend on it",
     "tank": "it moves the walls around the water",
     "waves": "the paddle would jump",
@@ -105,7 +105,8 @@ def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> tuple[Star
     samples = t / dt
     if abs(samples - round(samples)) > 1e-6 * max(samples, 1.0):
         raise CaseError(
-            f"output.sample_dt = {dt:g} s: the run is at {t:g} s, which is not a multiple of sample_dt"
+            f"output.sample_dt = {dt:g} s: the run is at {t:g} s, which is not a multiple of sample_dt: "
+            f"choose a sample_dt that divides {t:g} s"
         )
     known, found = search_settings(start.model), search_settings(model)
     model = with_settings(
@@ -173,11 +174,13 @@ def _check_laws(case: Case, new: Case) -> None:
             of = "pto" if case.pto is old else f"{name}: pto"
             if old.is_turbine != now.is_turbine:
                 raise CaseError(
-                    f"{of} cannot change between a turbine and a prescribed pressure during a run"
+                    f"{of} cannot change between a turbine and a prescribed pressure during a run: start a "
+                    "new run with --set"
                 )
             if old.has_relief != now.has_relief:
                 raise CaseError(
-                    f"{of}.relief cannot be added or removed during a run: the energy budget contains it"
+                    f"{of}.relief cannot be added or removed during a run, because the energy budget "
+                    "contains it: start a new run with --set"
                 )
 
 

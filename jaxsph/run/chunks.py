@@ -28,7 +28,7 @@ table."""
 
 
 def search_settings(model: Model) -> dict[str, int]:
-    """Sizes of a model's neighbour tables and number of steps between searches, by name, as for `build`."""
+    """Sizes of a model's neighbour tables and number of steps between searches, by name."""
     s = model.search
     names = ("capacity", "node_capacity", "chamber_capacity", "rebuild_every")
     return {name: int(getattr(s, name)) for name in names}
@@ -76,7 +76,7 @@ def replay_chunk(
         if changed is None:
             break
         what = ", ".join(f"{k} = {v}" for k, v in changed.items())
-        say(f"tables regrown, chunk replayed: {what}")
+        say(f"neighbour tables changed, chunk replayed: {what}")
         model = with_settings(model, changed)
     return model, new, found
 
@@ -154,7 +154,7 @@ def _cause(model: Model, state: State) -> tuple[str, Trouble | str]:
     if failed & Failure.THROUGH_WALL:
         if int(status.step) <= EARLY:
             return f"a particle was inside a wall within the first {EARLY} steps", (
-                "the set-up is the likely cause: look at this place for water, walls and bodies that "
+                "the set-up, which is the likely cause: look at this place for water, walls and bodies that "
                 "overlap, or for a gap between them narrower than the spacing"
             )
         return "a particle has gone through a wall", Trouble.THROUGH_WALL

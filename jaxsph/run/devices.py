@@ -29,7 +29,7 @@ compressible). With 16,400 particles the factors are 1.5 and 1.7 (`python -m exp
 """
 
 WORTH_SPARING = 0.1
-"""Least number, per particle, of nodes away from the water at which the tables omit these nodes (-).
+"""Least number of nodes away from the water, per particle (-), for which the tables omit these nodes.
 
 Omitting fewer nodes does not make a run on one device faster.
 """
@@ -64,7 +64,7 @@ def find_devices(count: int | None) -> tuple[jax.Device, ...]:  # pyright: ignor
         )
     if len(found) < count:
         raise CaseError(
-            f"devices = {count}: JAX has {len(found)} here ({found[0].platform}). The number of CPU "
+            f"devices = {count}: JAX has only {len(found)} here ({found[0].platform}). The number of CPU "
             "cores must be set before JAX is first used: give it in the first call of the program, or set "
             f"XLA_FLAGS=--xla_force_host_platform_device_count={count}"
         )
@@ -79,8 +79,9 @@ def available_cores() -> int:
 def usual_devices(model: Model, state: State) -> int:
     """Default number of devices of a run, the largest number that makes the run faster.
 
-    The number is one for a case that cannot be shared. Otherwise a run uses all devices of several processes,
-    all accelerators, or as many CPU cores as leave enough particles for each, if the slabs are wide enough.
+    The number is one for a case that cannot be shared. Several processes use all their devices. A single
+    process uses all accelerators, or as many CPU cores as have at least `WORTHWHILE` particles each; it uses
+    fewer devices if the slabs would otherwise be too narrow.
     """
     found = find_devices(None)
     if jax.process_count() > 1:
@@ -97,9 +98,9 @@ def usual_devices(model: Model, state: State) -> int:
 def _obstacle(model: Model) -> str:
     """Reason why a model's particles cannot be shared among devices; empty if they can."""
     if not isinstance(model.search.method, Cells):
-        return "only the search by cells can make neighbour tables for slabs"
+        return "this neighbour search runs on one device only: use the search by cells, or give devices = 1"
     if 0 in dict(model.search.grid.period):
-        return "a tank that is periodic along its length runs on one device only"
+        return "a tank that is periodic along its length runs on one device only: give devices = 1"
     return ""
 
 

@@ -105,7 +105,8 @@ def resume(
     if changes:
         if processes.count > 1:
             raise CaseError(
-                "changes are not possible in a run of several processes; make them with one process first"
+                f"changes of {', '.join(changes)} are not possible while several processes share the run; "
+                "first resume the run with one process and these changes, then with several processes"
             )
         start, change = amend(file, start, changes)
     t1 = start.problem.t1 if t1 is None else t1
@@ -120,7 +121,7 @@ def resume(
 
 
 def restore(path: str | Path, given: Any = None) -> tuple[Any, Model, State]:
-    """Source (a `Case`, or a `Program`), model and state of a file's last checkpoint.
+    """Source (a `Case`, `Program` or `Assembled` problem), model and state of a file's last checkpoint.
 
     `given`: see `resume`. **Raises** FileError if the file is not from a run, holds no checkpoint or belongs
     to another case or program than `given`, or if this version of jaxsph builds another model from the case.

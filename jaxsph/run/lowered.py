@@ -55,8 +55,8 @@ def store_programs() -> None:
 
 
 def key_of(source: Source) -> str:
-    """Text that, with the structure of its arguments, determines the program of a source's steps; empty if
-    the program is not to be stored."""
+    """Text that determines the program of a source's steps, together with the structure of the program's
+    arguments; empty if the program is not to be stored."""
     stored = _switch["on"] and isinstance(source, Case) and program_folder() is not None
     return f"{source.to_toml()} {_surroundings()}" if stored else ""
 
@@ -134,7 +134,7 @@ def _path(name: str) -> Path:
 
 @functools.cache
 def _surroundings() -> str:
-    """Hash of jaxsph's source code, the versions of the libraries, JAX's settings and the device."""
+    """Text with a hash of jaxsph's source code, the libraries' versions, JAX's settings and the device."""
     code = hashlib.sha256()
     for file in sorted(Path(__file__).parents[1].rglob("*.py")):
         code.update(file.read_bytes())

@@ -82,7 +82,10 @@ class Processes:
 
     @contextlib.contextmanager
     def hearing_of_losses(self, path: Any) -> Iterator[None]:
-        """Context in which the loss of another process raises a SimulationError that names the process.
+        """Context in which the loss of another process raises a SimulationError.
+
+        With two processes the error names the lost process; with more, it lists the processes among which
+        the lost one is.
 
         `path`: file of the run, which keeps the last checkpoint.
         """
@@ -92,10 +95,10 @@ class Processes:
             if self.count == 1 or isinstance(error, SimulationError) or not _is_loss(error):
                 raise
             others = [f"{k} ({name})" for k, name in enumerate(self.names) if k != self.here]
-            lost = others[0] if len(others) == 1 else "one of " + ", ".join(others)
+            lost = f"process {others[0]}" if len(others) == 1 else "one of the processes " + ", ".join(others)
             remedy = "" if path is None else f"; continue from the last checkpoint with jaxsph resume {path}"
             raise SimulationError(
-                f"process {lost} has ended, so the run that the processes shared cannot go on{remedy}"
+                f"{lost} has ended, so the run that the processes shared cannot go on{remedy}"
             ) from error
 
 

@@ -35,11 +35,15 @@ def stored_source(file: RunFile, given: Any = None) -> Source:
 def _program(path: Path, keys: dict[str, Any], given: Any) -> Source:
     """Source of a file that was not made from a case. **Raises** FileError, as `stored_source`."""
     place = keys["program"]
-    if given is None:
-        again = f"jaxsph resume {path} --program {place}" if place else "js.resume(path, given=problem)"
+    if given is None and place:
         raise FileError(
-            f"{path} was made by {place or 'a problem that a program assembled'}; jaxsph does not import "
-            f"code that is only named in a file, so pass the function or the problem again: {again}"
+            f"{path} was made by {place}; jaxsph does not import code that is only named in a file, so pass "
+            f"the function or the problem again: jaxsph resume {path} --program {place}"
+        )
+    if given is None:
+        raise FileError(
+            f"{path} holds a run of a problem assembled in Python, which the file does not contain; pass the "
+            "problem again: js.resume(path, given=problem)"
         )
     source = source_of(given)
     if isinstance(source, Program) and source.arguments != keys.get("arguments"):
@@ -61,7 +65,9 @@ def _with_arguments(path: Path, program: Program, arguments: dict[str, Any]) -> 
     try:
         return program.replace(arguments)
     except CaseError as error:
-        raise FileError(f"{path} was made with other arguments ({error})") from None
+        raise FileError(
+            f"{path} was made with arguments that the given function does not accept ({error})"
+        ) from None
 
 
 def stored_identity(path: Path, text: str, version: str) -> dict[str, Any]:
@@ -72,5 +78,5 @@ def stored_identity(path: Path, text: str, version: str) -> dict[str, Any]:
         return identity(text if "program" in keys else Case.from_dict(keys).to_toml())
     except (CaseError, tomllib.TOMLDecodeError) as error:
         raise FileError(
-            f"{path}: this version cannot read the case ({error}); use the version that wrote it, {version}"
+            f"{path}: this version cannot read the case ({error}); use jaxsph {version}, which wrote the file"
         ) from None

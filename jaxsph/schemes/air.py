@@ -175,10 +175,9 @@ def correct_for_air(
 class _Laws(NamedTuple):
     """Equations of chambers and ducts that are coupled by the water, with an unknown flow for each.
 
-    The unknown of a chamber is the flow out of the chamber if its own pressure were zero. The unknown of a
-    duct is the flow through the duct if the pressure drop were zero, including the response of the water in
-    both chambers. As functions of these unknowns, pressure and flow have bounded slopes, however steep a law
-    is.
+    The unknown of a chamber is the flow that would leave it at zero pressure of its own. The unknown of a
+    duct is the flow that would pass at zero pressure drop, including the response of the water in both
+    chambers. As functions of these unknowns, pressure and flow have bounded slopes, however steep a law is.
     """
 
     model: Model
@@ -277,8 +276,8 @@ def finish_airs(
         name, ways = chamber.name, _ways(model, chamber.name)
         airs[name], amounts, given = chamber.finish(parts[name], met.chambers[name], *flows[name], dt)
         taken |= amounts
-        # in a closed chamber the ducts' mean flow over the step differs from their flow at its end; divide
-        # the difference equally among the ducts
+        # in a closed chamber the mean flow into the ducts over the step differs from the flow at the end of
+        # the step; divide the difference equally among the ducts
         off = (given.flow - met.chambers[name].ducted) / max(len(ways), 1)
         for duct, way in ways:
             work[duct] = work[duct] + dt * given.head * (way * met.ducts[duct].passed + off)

@@ -30,7 +30,7 @@ class AbstractParticleScheme(AbstractScheme):
     """Scheme that advances particles of water, with walls represented by ghosts."""
 
     regularisation: eqx.AbstractVar[tuple[Regularisation, ...]]
-    """The regularisation of the particles, if any: a tuple of length 0 or 1."""
+    """Regularisation of the particles: empty, or one entry."""
 
     # ---------------------------------------------------------------- tables
 

@@ -73,8 +73,8 @@ class BodiesCoupling(NamedTuple):
     holds: dict[str, BodyHold]
     """Maps of every body, by name."""
     inverse: Float[Array, "n n"]
-    """Accelerations of the coordinates per unit generalised force, with damping over a step; 0 for
-    coordinates that are not free."""
+    """Accelerations of the coordinates per unit generalised force, with the stiffness and damping of the
+    links over a step; 0 for coordinates that are not free."""
     outside: Float[Array, " n"]
     """Generalised force, excluding that of the water pressure, N or N m (per metre in 2-D)."""
     pulls: dict[str, tuple[Extension, Pull]]

@@ -81,9 +81,9 @@ class ISPH(AbstractParticleScheme):
     least: Scalar
     """Lowest gauge pressure of water with a free surface, Pa; with 0 the water bears no tension."""
     regularisation: tuple[Regularisation, ...] = eqx.field(default=(), kw_only=True)
-    """Regularisation of the particles, at most one."""
+    """Regularisation of the particles: empty, or one entry."""
     shifting: tuple[Shifting, ...] = eqx.field(default=(), kw_only=True)
-    """Shifting of the particles in addition to their drift, at most one."""
+    """Particle shifting in addition to the drift: empty, or one entry."""
 
     @classmethod
     def of(
@@ -111,8 +111,9 @@ class ISPH(AbstractParticleScheme):
 
         **Arguments**: `dx`, spacing (m); `speed`, largest expected speed (m/s); `dim`, 2 or 3; `viscosity`,
         by default that of water; `kernel` and its smoothing length `h_over_dx` dx, by default from `KERNEL`
-        and `usual_length`; `least`, the lowest pressure (Pa); `period`: `Box.period`; `hyperviscosity`,
-        `separation`: regularisation strengths, both 0 to disable it; `options`: further fields by name.
+        and `usual_length`; `least`, the lowest pressure (Pa); `period`, the periodic axes (`Box.period`);
+        `hyperviscosity`, `separation`, regularisation strengths (set both to 0 to disable it); `options`,
+        further fields by name.
         """
         kernel = KERNEL[dim] if kernel is None else kernel
         viscosity = PhysicalViscosity(1.0e-6) if viscosity is None else viscosity

@@ -53,7 +53,7 @@ class AbstractRateScheme(AbstractParticleScheme):
     c0: eqx.AbstractVar[Scalar]
     """Speed of sound, m/s."""
     shifting: eqx.AbstractVar[tuple[Shifting, ...]]
-    """Shifting of the particles in addition to their drift, at most one."""
+    """Particle shifting in addition to the drift: empty, or one entry."""
 
     @abc.abstractmethod
     def sources(self, ghosts: GhostFields, u_ghosts: Float[Array, "G D"]) -> Sources:

@@ -105,9 +105,9 @@ class Projection(NamedTuple):
     pressures: Pressures
     """Pressures of water and ghosts, and the accelerations of the bodies due to these pressures."""
     couplings: tuple[BodiesCoupling, ...]
-    """Coupling of the bodies to the water, at most one."""
+    """Coupling of the bodies to the water; empty without bodies."""
     residual: Scalar
-    """Residual of the linear solution, relative to its right-hand side (-)."""
+    """Residual of the linear system, relative to the right-hand side (-)."""
     converged: Array
     """Whether the residual is within the tolerance of the solver."""
     limited: dict[str, Scalar]
@@ -124,7 +124,7 @@ class PressureEquation(NamedTuple):
     beyond: Float[Array, " G"]
     """Pressure difference from nodes to ghosts, due to forces and the walls' accelerations, Pa."""
     couplings: tuple[BodiesCoupling, ...]
-    """Coupling of the bodies to the water, at most one."""
+    """Coupling of the bodies to the water; empty without bodies."""
     unit: Scalar
     """Factor that scales accelerations to pressures for the residual, Pa per m/s2."""
 

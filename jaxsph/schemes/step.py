@@ -104,7 +104,7 @@ def drift(p: Particles, dx: Float[Array, "N D"]) -> Particles:
 
 
 def book(ledger: Mapping[str, Tally], amounts: Mapping[str, Scalar]) -> dict[str, Tally]:
-    """Adds the `amounts` of a step, energies (J, J/m in 2-D) or particle numbers, to the tallies by name."""
+    """Adds the `amounts` of a step, energies (J, J/m in 2-D) or counts of particles, to tallies by name."""
     return {name: tally.add(amounts[name]) if name in amounts else tally for name, tally in ledger.items()}
 
 
@@ -150,8 +150,8 @@ def exchanged(
     """Energies (J; J/m in 2-D) exchanged with the dampers, by name, from their changes of velocity (m/s).
 
     The energies are positive if taken from the water. For a damper whose ledger entry is `Exchange.GIVEN`,
-    they are positive if given to the water. `mean`: mean of the velocities before and after all changes whose
-    energies must add up, including other changes than those of the dampers, m/s.
+    they are positive if given to the water. `mean`: mean of the velocities (m/s) before and after all changes
+    whose energies must add up, including changes that are not due to dampers.
     """
     found = {}
     for damper in model.dampers:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from typing import Any
 
@@ -29,7 +30,7 @@ def touching(model: Model, parts: Mapping[str, Any]) -> tuple[Array, Float[Array
     x = jax.lax.stop_gradient(model.walls.x)
     found, where = jnp.zeros((), bool), jnp.zeros(x.shape[1], x.dtype)
     for body in model.bodies:
-        if not (body.joint.parent or any(body.joint.moves[:2])):
+        if not (body.joint.parent or any(body.joint.moves[: x.shape[1]])):
             continue
         start, dummies = body.start(x.dtype), x[slice(*body.rows)]
         # the points of the surface nearest to the dummies, at rest
@@ -62,10 +63,10 @@ def _near(
     surface: Float[Array, "B D"],
     gap: Scalar,
 ) -> Array:
-    """Mask of a body's points, at `surface` (m) at rest, within `gap` (m) of a solid along x or z."""
+    """Mask of a body's points, at `surface` (m) at rest, within `gap` (m) of a solid along an axis."""
     dx, found = model.dx, jnp.zeros(len(surface), bool)
     x = body.carry(parts[body.name], surface)
-    for axis, sign in ((0, -1.0), (0, 1.0), (-1, -1.0), (-1, 1.0)):
+    for axis, sign in itertools.product(range(x.shape[1]), (-1.0, 1.0)):
         # `contains` begins half a spacing inside the solid
         ahead = x.at[:, axis].add(sign * (gap + 0.5 * dx))
         # a body may rise above the walls of the tank

@@ -61,9 +61,9 @@ class DeltaSPH(AbstractRateScheme):
     background: tuple[Background, ...] = ()
     """Hydrostatic pressures that are subtracted in the pair sums near thin walls."""
     regularisation: tuple[Regularisation, ...] = eqx.field(default=(), kw_only=True)
-    """Regularisation of the particles, at most one."""
+    """Regularisation of the particles: empty, or one entry."""
     shifting: tuple[Shifting, ...] = eqx.field(default=(), kw_only=True)
-    """Shifting of the particles in addition to their drift, at most one."""
+    """Particle shifting in addition to the drift: empty, or one entry."""
 
     @classmethod
     def of(
@@ -87,10 +87,10 @@ class DeltaSPH(AbstractRateScheme):
         """Builds the weakly compressible scheme from plain numbers, in the precision `dtype`.
 
         **Arguments**: `dx`, spacing (m); `c0`, numerical speed of sound (m/s), at least ten times the largest
-        speed; `viscosity`, by default that of water; `kernel`, by default the Gaussian; `h_over_dx`: ratio of
-        a Gaussian's smoothing length to dx; another kernel has the same width (`AbstractKernel.width`);
-        `period`: `Box.period`; `hyperviscosity`, `separation`: regularisation strengths, both 0 to disable
-        it; `options`: further fields by name.
+        speed; `viscosity`, by default that of water; `kernel`, by default the Gaussian; `h_over_dx`, ratio of
+        a Gaussian's smoothing length to dx (another kernel has the same width, see `AbstractKernel.width`);
+        `period`, the periodic axes (`Box.period`); `hyperviscosity`, `separation`, regularisation strengths
+        (set both to 0 to disable it); `options`, further fields by name.
         """
         kernel = Gaussian() if kernel is None else kernel
         viscosity = PhysicalViscosity(1.0e-6) if viscosity is None else viscosity

@@ -52,7 +52,7 @@ class WallPlate:
     def is_thin(self, dx: float, layers: int) -> bool:
         """Whether the kernel, which spans `layers` spacings of `dx` (m), reaches through the plate.
 
-        If the kernel does, the water on the two sides must be kept apart (`solids.divisions`).
+        If so, the water on the two sides must be kept apart (`solids.divisions`).
         """
         return self.thickness <= layers * dx
 

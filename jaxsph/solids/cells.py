@@ -1,4 +1,4 @@
-"""Volume, silhouette and dummy particles of a three-dimensional shape, summed over a grid of distances."""
+"""Volume, silhouette and dummy particles of a three-dimensional shape, from distances on a grid."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SLIVER = 1e-4
 """Fraction of a cell (-); a smaller part of a shape is a rounding error and has no dummy particle."""
 
 Distance = Callable[[Any], Any]
-"""Distance (m) of points `[N, 3]` (m) from a surface, negative inside."""
+"""Function that returns the distances (m) of points `[N, 3]` (m) from a surface, negative inside."""
 
 
 def cells_of(low: np.ndarray, high: np.ndarray, dx: float) -> list[np.ndarray]:
@@ -68,8 +68,8 @@ def cell_dummies(
     """Positions `[B, 3]` (m) and volumes `[B]` (m3) of dummy particles: the lattice cells inside a surface.
 
     A cell that the surface cuts has the volume of its part inside, and its particle lies at the centroid of
-    this part. All cells together have exactly the volume `total` (m3); cells deeper than `layers` spacings dx
-    (m) are left out.
+    this part. All cells inside the surface together have exactly the volume `total` (m3); only the cells up
+    to `layers` spacings dx (m) deep are returned.
     """
     corners = np.meshgrid(*cells_of(*bounds, dx), indexing="ij")
     middle = np.stack(corners, -1).reshape(-1, 3) + 0.5 * dx

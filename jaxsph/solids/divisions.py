@@ -208,8 +208,8 @@ class Regions(eqx.Module):
         return jnp.asarray(self._packed())[region]
 
     def _part(self, divider: int) -> np.ndarray:
-        """For each region, the index `[count]` of the part that contains it, where the parts are those made
-        by one divider."""
+        """For each region, the index `[count]` of the part that contains it, among the parts made by one
+        divider."""
         stride = int(np.prod(self._parts[:divider], initial=1))
         return np.arange(self.count) // stride % self._parts[divider]
 

@@ -2,10 +2,10 @@
 
 A lattice of ghosts resists water that slides past it by a fraction of a spacing, and the ghosts near the
 surface switch between wet and dry. Both effects generate short waves where the surface meets a wall. An image
-instead lies at the mirrored position of its particle and has the particle's volume, so that the water next to
-a plane wall moves as it would without the wall, next to its own mirror image. In a corner, particles are
-also mirrored in all walls of the corner together. At the end of a wall, an image is weighted with the
-fraction of its cell of side dx that lies within the wall's extent.
+instead lies at the mirrored position of its particle and has the particle's volume. The water next to a plane
+wall therefore moves as if mirrored water were in the place of the wall. In a corner, particles are also
+mirrored in all walls of the corner together. At the end of a wall, an image is weighted with the fraction of
+its cell of side dx that lies within the wall's extent.
 
 Plates and platforms have ghosts on a lattice. Images in their faces would appear and vanish as water flows
 round an edge; in the OWC such images made the noise two to four times as large.
@@ -83,9 +83,9 @@ class ImageSet(NamedTuple):
     def image(self, x: Float[Array, "M D"], paddle: Placed) -> Float[Array, "M D"]:
         """Positions (m) of the images of particles at x (m); `paddle`: see `Placed`.
 
-        The reflection in the displaced paddle is the reflection in the paddle at rest, followed by the
-        paddle's displacement, applied twice. This construction is exact for a translation normal to the
-        paddle's face and for a rotation about an axis in the face.
+        A particle is reflected in the paddle at rest, and the paddle's displacement is then applied to the
+        result twice. This construction is exact for a translation normal to the paddle's face and for a
+        rotation about an axis in the face.
         """
         for plane in self.planes:
             x = x.at[:, plane.axis].set(2.0 * plane.at - x[:, plane.axis])
@@ -149,7 +149,7 @@ class Images(eqx.Module):
 
         **Arguments**: `x`: positions of the water, m; `paddle`: see `Placed`; `radius`: radius of the
         kernel's support, m; `skin`: margin of the search, m; until the next search a particle may
-        move at most half of it.
+        move at most half of this margin.
         """
         n, rows, full = len(x), [jnp.zeros(0, jnp.int32)], jnp.zeros((), bool)
         for one in self.sets:

@@ -58,7 +58,7 @@ def packed(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions `[N, D]` (m) and volumes `[N]` (m^D) of still water, packed evenly around solids.
 
-    A lattice cut by a solid's surface has gaps and clusters, which the pressure would disperse in the first
+    A lattice cut by a solid's surface has gaps and clusters, which the pressure would even out in the first
     steps of a run. Here every particle near a solid moves down the gradient of the concentration
     C_i = sum_j V_j W_ij of water and ghosts (Colagrossi, Bouscasse, Antuono and Marrone 2012), until the
     particles have settled. Then the volumes of all particles that moved are scaled by a common factor, so

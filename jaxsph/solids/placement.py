@@ -98,7 +98,9 @@ def sliding_velocity(
     u = np.zeros_like(x)
     for (axis, end), velocity in sliding.items():
         if not box.walls[axis, end]:
-            raise ValueError(f"sliding: there is no wall at end {end} of axis {axis} ({box.sides[axis]})")
+            raise ValueError(
+                f"sliding: axis {axis} ({box.sides[axis]}) has no wall at end {end}: remove ({axis}, {end})"
+            )
         if velocity[axis]:
             raise ValueError(
                 f"sliding: the wall at end {end} of axis {axis} can only move along itself, but its velocity "
@@ -192,7 +194,7 @@ def cut_by_platform(
 
 
 def platform_ghosts(box: Box, platform: Platform, regions: Regions, dx: float, layers: int) -> GhostSet:
-    """Ghosts of a platform, `layers` deep behind each face and seen only by the water in front of it."""
+    """Ghosts of a platform, `layers` deep behind each face; only the water in front of a face sees them."""
     depth = layers * dx
     faces = {
         "top": ((platform.start, box.high[0]), (platform.height - depth, platform.height)),

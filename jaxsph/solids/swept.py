@@ -26,8 +26,8 @@ class Extrusion(AbstractShape):
     """Prism: an outline that is swept along a coordinate axis."""
 
     outline: Float[Array, "K 2"] = eqx.field(converter=plain_numbers)
-    """Corners of the cross-section in order along its outline, m: the coordinates other than the coordinate
-    along the prism, in the order x, y, z."""
+    """Corners of the cross-section in order along its outline, m. A corner is given by the two coordinates
+    normal to the prism's axis, in the order x, y, z."""
     ends: Float[Array, "2"] = eqx.field(converter=plain_numbers)
     """Lowest and highest coordinate along the prism, m."""
     axis: int = eqx.field(static=True, default=1)
@@ -69,7 +69,7 @@ class Extrusion(AbstractShape):
 
 
 class Revolution(AbstractShape):
-    """Solid of revolution about an upright axis."""
+    """Solid of revolution about a vertical axis."""
 
     profile: Float[Array, "K 2"] = eqx.field(converter=plain_numbers)
     """Corners (r, z) of the profile, m, in order along its outline: distance from the axis, and height."""

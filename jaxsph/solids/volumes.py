@@ -41,7 +41,7 @@ class AbstractBar(AbstractShape):
 
     def _moments(self, volume: float, about_axis: float, across: float):
         """Moments as in `AbstractShape.moments`, from the volume (m3) and its second moments (m5) about the
-        axis and about a line across the axis through the middle."""
+        axis, and about a line through the middle at right angles to the axis."""
         middle = 0.5 * (np.asarray(self.foot) + np.asarray(self.head))
         along = np.outer(self._axis()[0], self._axis()[0])
         return volume, tuple(map(float, middle)), about_axis * along + across * (np.eye(3) - along)

@@ -123,10 +123,10 @@ class Ghosts(eqx.Module):
 
         **Arguments**: `dx`: spacing, m; `slip`: slip at the tank's walls and plates; `sliding`: velocities
         (m/s) of walls that slide in their own plane, keyed by (axis, end), where end is 0 (low) or 1 (high);
-        these walls drag the water only with `NoSlip`; `platform`: a raised bed at the far end of a
-        two-dimensional tank, with lengths of whole spacings; `filling`: by default `MirrorImages`; `shapes`:
-        solids in the water, which need `DummyParticles`; `fixed_shapes`: further solids, which never move.
-        The tank's ghosts behind a fixed shape belong to it, so that its force includes the force on them.
+        these walls drag the water only with `NoSlip`; `platform`: a raised bed at the far end of a 2-D tank,
+        with lengths in whole spacings; `filling`: by default `MirrorImages`; `shapes`: solids in the water,
+        which need `DummyParticles`; `fixed_shapes`: further solids, which never move. The tank's ghosts
+        behind a fixed shape belong to that shape, so that its force includes the force on these ghosts.
         **Raises** ValueError if a plate is too thin, or a sliding wall, platform or shape is not allowed.
         """
         layers = int(np.ceil(float(smoothing.radius) / dx - 0.5))
@@ -317,7 +317,7 @@ def _tank(
     **Raises** ValueError if a tank with a platform is not two-dimensional or lacks an end wall or a floor.
     """
     if regions.platforms and (len(box.low) != 2 or not box.walls[0, 1] or not box.walls[-1, 0]):
-        raise ValueError("a platform needs a two-dimensional tank with an end wall and a floor")
+        raise ValueError(f"sides = {box.sides}: a platform needs a 2-D tank with an end wall and a floor")
     if isinstance(filling, MirrorImages):
         images = Images.of(box, regions.platforms, dx, radius)
         return images, images.empty_rows(box, radius)
@@ -336,13 +336,16 @@ def _rows(parts: Sequence[GhostSet]) -> tuple[tuple[int, int], ...]:
 def _checked(
     filling: AbstractFilling, moving: Sequence[AbstractShape], every: Sequence[AbstractShape]
 ) -> AbstractFilling:
-    """Returns the filling.
+    """Checks that the filling suits the solids, and returns the filling.
 
     **Raises** ValueError if there are solids and the filling is not `DummyParticles`, or if a thin plate is
     among the moving shapes.
     """
     if every and not isinstance(filling, DummyParticles):
-        raise ValueError("filling: solids need DummyParticles, since their dummies have no mirror images")
+        raise ValueError(
+            f"filling = {type(filling).__name__}: solids need DummyParticles, since ghosts of solids have "
+            "no mirror images in the water"
+        )
     if any(shape.dividers() for shape in moving):
         raise ValueError("shapes: a thin plate cannot move; pass it in fixed_shapes")
     return filling
@@ -378,7 +381,10 @@ def _with_walls_behind(
 def _in_the_tank(
     box: Box, regions: Regions, thin_wall: AbstractThinWall, dx: float, layers: int, imaged: bool
 ) -> Iterator[GhostSet]:
-    """Yields the ghosts of the platform and plates; if `imaged`, also of the platform's corners with walls.
+    """Yields the ghosts of the platform and plates.
+
+    If the tank's walls have mirror images (`imaged`), the ghosts in the corners between the platform and the
+    walls are included.
 
     **Raises** ValueError if a plate is too thin.
     """
@@ -395,7 +401,7 @@ def _in_the_tank(
 def _seen_by_nodes(ghosts: GhostSet, regions: Regions) -> np.ndarray:
     """Bit mask, for each node, of the particles that the node uses.
 
-    Where `node_sees` is -1, this is the mask of the node's region.
+    Where the `node_sees` of a ghost is -1, this is the mask of the region that contains the node.
     """
     _, sees = region_bits(regions, ghosts.node)
     plain = sees & ((1 << regions.count) - 1)

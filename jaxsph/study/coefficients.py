@@ -60,9 +60,9 @@ def coefficients(
     **Arguments**: `out`: a file of coefficients, such as `js.CapytaineFile("buoy.nc")`, or a path that ends
     in .nc (Capytaine's dataset) or .h5 (WEC-Sim's BEMIO). The runs are stored next to it, in
     `<name>_runs.h5`, from which a repeated call continues. `motions`: some of "surge", "heave" and "pitch",
-    for all bodies or by body; by default all in which a body is free or is carried by another. `forcing`:
-    amplitudes and number of periods. `workers`, `executor`: see `sweep`. A failed run leaves NaN: see
-    `Coefficients.failures`.
+    for all bodies or by body; by default every motion in which a body is free or is carried by another body.
+    `forcing`: amplitudes and number of periods. `workers`, `executor`: see `sweep`. A failed run leaves NaN:
+    see `Coefficients.failures`.
     **Raises** CaseError before any run if the case has no such motion or does not resolve a period;
     FileError if a file belongs to another study or cannot be written.
     """
@@ -111,7 +111,7 @@ def check_study(
     """
     try:
         found = np.asarray(periods, float)
-    except (TypeError, ValueError):  # texts, or nested lists of different lengths
+    except (TypeError, ValueError):  # strings, or nested lists of different lengths
         found = np.zeros(0)
     if found.ndim != 1 or not found.size or not np.all(np.isfinite(found)) or np.any(found <= 0.0):
         raise CaseError(f"periods = {periods!r}: must be a list of at least one positive number, in s")

@@ -18,14 +18,14 @@ def derivative(
 ) -> Derivative:
     """Value of a result at the end of a run, and its slope with respect to one parameter.
 
-    **Arguments**: `given`: a case, or a function that returns a `Problem`; `parameter`: the dotted name of a
+    **Arguments**: `given`: a case, or a function that returns a `Problem`. `parameter`: the dotted name of a
     number in the case, or an argument of the function; for `Exact` and `Filtered` the model must depend
-    smoothly on this value; `of`: "xi", "P_owc" (W/m) or "energy_pto" (J/m from the start to t1); for an
-    ensemble also any result that the problem itself defines; `method`: `Exact()`, for runs of a fraction of a
-    second; `Filtered()`, one run over whole wave periods, with a bias; `Ensemble()` (the default), many runs,
-    with a standard error.
-    **Raises** CaseError if the case lacks the parameter or the method cannot give this slope, DerivativeError
-    if the slope would not describe the flow, SimulationError as `run`.
+    smoothly on this value. `of`: "xi", "P_owc" (W; W/m in 2-D) or "energy_pto" (from the start to t1, J; J/m
+    in 2-D); for an ensemble also any result that the problem itself defines. `method`: `Exact()`, for runs of
+    a fraction of a second; `Filtered()`, for one run over whole wave periods, with a bias; `Ensemble()` (the
+    default), for many runs, with a standard error.
+    **Raises** CaseError if the case lacks the parameter or the method cannot give this slope; DerivativeError
+    if the slope would not describe the flow; SimulationError under the same conditions as `run`.
     """
     source = source_of(given)
     parameter_value(source, parameter)

@@ -72,7 +72,9 @@ class Ensemble(AbstractMethod):
         known = np.isfinite(found)
         if known.sum() < 4:
             first = next(iter(done.failures.values()), "the members have no such result")
-            raise DerivativeError(f"only {known.sum()} of {len(values)} members gave {of}: {first}")
+            raise DerivativeError(
+                f"only {known.sum()} of {len(values)} members gave {of}, but a slope needs four: {first}"
+            )
         fit = parabola(offsets[known], found[known])
         members = {parameter: np.asarray(values), of: found}
         scale = 1.0 / value

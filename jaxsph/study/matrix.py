@@ -54,8 +54,8 @@ class ScatterTable:
             )
         if kind == "share" and abs(np.sum(weight) - 1.0) > 1e-3:
             raise CaseError(
-                f"{path}: the sum of the shares is {np.sum(weight):.4g}: must be 1; for hours, name the "
-                "column hours"
+                f"{path}: the sum of the shares is {np.sum(weight):.4g}: must be 1; if the values are "
+                "hours, name the column hours"
             )
         hours = float(np.sum(weight)) if kind == "hours" else None
         return cls(columns["Hs"], columns["Tp"], weight / np.sum(weight), hours)
@@ -81,7 +81,8 @@ class PowerMatrix:
     Tp: NDArray[np.float64]
     """Peak periods, s."""
     P: NDArray[np.float64]
-    """Mean absorbed power, averaged over the seeds, `[Hs, Tp]`, W (W/m in 2-D); NaN if no run ended."""
+    """Mean absorbed power, averaged over the seeds, `[Hs, Tp]`, W (W/m in 2-D); NaN if no run has a
+    result."""
     error: NDArray[np.float64]
     """Standard error of the mean power, `[Hs, Tp]`, W (W/m in 2-D); NaN if it is unknown, for example for a
     single run in a three-dimensional tank."""
@@ -154,7 +155,7 @@ def power_matrix(
 
     **Arguments**: significant heights `Hs` (m) and peak periods `Tp` (s), ascending; `out`: the sweep file of
     the runs, from which an interrupted matrix continues; `workers`, `executor`: see `sweep`. The error of a
-    cell is the larger of two standard errors: one is from the scatter between seeds, one from the errors of
+    cell is the larger of two standard errors: one from the scatter between seeds, and one from the errors of
     the runs' means. **Raises** CaseError if the case has no irregular waves or no power take-off, or if a sea
     state is not possible in the tank.
     """

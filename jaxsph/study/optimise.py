@@ -53,15 +53,15 @@ def maximise(
 
     The search begins at the parameter values of the case or function.
 
-    **Arguments**: `over`: bounds (lowest, highest) of every parameter, which may be a length of the device;
-    they must be positive, because the search uses logarithms. `out`: the file of the evaluations; a repeated
-    call continues from it, and from an ensemble's unfinished members in `<out>.evaluations`. `method`: as in
-    `derivative`; `optimiser`: any optimiser of optax (by default Adam, which changes a parameter by a factor
-    of 1.8 in the first steps and 1.1 in the last).
+    **Arguments**: `over`: bounds (lowest, highest) of every parameter, which may be a length of the device.
+    The bounds must be positive, because the search uses logarithms. `out`: the file of the evaluations; a
+    repeated call continues from it, and from an ensemble's unfinished members in `<out>.evaluations`.
+    `method`: as in `derivative`; `optimiser`: any optimiser of optax (by default Adam, which changes a
+    parameter by a factor of 1.8 in the first steps and 1.1 in the last).
     **Returns** the best evaluation. The search ends when every slope is within its error, or points out of
     the bounds.
-    **Raises** as `derivative`; FileError if `out` or `<out>.evaluations` belongs to a search with another
-    case, result, scatter table or method, or if another process runs a study with this output.
+    **Raises** the errors of `derivative`; FileError if `out` or `<out>.evaluations` belongs to a search with
+    another case, result, scatter table or method, or if another process runs a study with this output.
     """
     if evaluations < 1:
         raise CaseError(f"evaluations = {evaluations}: must be 1 or more")
@@ -168,7 +168,7 @@ def _known_evaluations(
     before = before | {"parameters": [*stored.axes]} | stored.about
     now = identity(source.to_toml()) | {"parameters": [*names]} | dict(about)
     refuse_other(
-        file.path, "a search from another case, or for another result or by another method", before, now
+        file.path, "a search from another case, for another result or by another method", before, now
     )
     return [
         {name: float(values[i]) for name, values in stored.axes.items()} | member["results"]

@@ -95,8 +95,8 @@ def sweep(
     source = source_of(given)
     if os.environ.get(ATTACHED):
         raise CaseError(
-            f"{source.name}: a member of a sweep started a sweep when it imported its program: put all that "
-            'the program does besides defining functions under if __name__ == "__main__":'
+            f"{source.name}: a member of a sweep started a sweep when it imported its program: put "
+            'everything except imports and definitions under if __name__ == "__main__":'
         )
     batch = checked_batch(workers, batch, executor)
     if isinstance(source, Program) and not source.importable:
@@ -208,7 +208,7 @@ def _told(axes: Mapping[str, np.ndarray], shape: tuple[int, ...]) -> dict[str, A
 def read_sweep(path: str | Path) -> Sweep:
     """Reads the results of a sweep, complete or not, from a file.
 
-    **Raises** FileError if it cannot be read.
+    **Raises** FileError if the file cannot be read.
     """
     stored = SweepFile(path).read()
     stored_identity(Path(path), stored.case_toml, stored.version)  # refuses unreadable versions

@@ -197,7 +197,7 @@ def _beside(source: S, parameter: str, model: Model) -> tuple[S, S, float]:
 def _seed(source: Source, parameter: str, problem: Problem) -> tuple[Any, Any]:
     """Slopes of all floats in model and initial state, by central differences between two builds.
 
-    The time step is held constant. It must divide the sampling interval, and so it changes only in jumps.
+    The time step is held constant, because it must divide the sampling interval and can only change in jumps.
     """
     ahead, behind, step = _beside(source, parameter, problem.model)
     settings = search_settings(problem.model)
@@ -212,8 +212,8 @@ def _seed(source: Source, parameter: str, problem: Problem) -> tuple[Any, Any]:
     if not shapes[0] == shapes[1] == shapes[2]:
         less = "" if problem.model.dt.dtype == np.float64 else ", or use float64, where the change is smaller"
         raise CaseError(
-            f"{parameter}: a change of {step:.2g} changes the number of ghost particles: compare runs with "
-            f"js.sweep{less}"
+            f"{parameter}: a change of {step:.2g} changes the number of particles or ghost particles: "
+            f"compare runs with js.sweep{less}"
         )
     if isinstance(source, Program):
         if any(other != structure for _, other in others):
@@ -247,9 +247,10 @@ def _check_smooth(parameter: str, here: list, ahead: list, behind: list) -> None
 
 
 def grain(x: np.ndarray, dx: np.ndarray, spacing: float) -> float:
-    """Root mean square difference (m) of a field `[N, D]` from linear fits in cells of four spacings.
+    """Root mean square deviation of a field `dx` `[N, D]` from linear fits, in the unit of the field.
 
-    The difference is near zero for a smooth flow field, and as large as the field itself if neighbours are
+    The fits are made in cells four spacings wide; `x`: positions of the particles (m); `spacing`: m. The
+    deviation is near zero for a smooth flow field, and as large as the field itself if neighbours are
     uncorrelated.
     """
     cells = np.unique(np.floor(x / (4 * spacing)).astype(int), axis=0, return_inverse=True)[1].ravel()

@@ -21,7 +21,7 @@ class ActiveAbsorption(eqx.Module):
     Eq. 23, U = (omega / Phi)(2 eta - eta_sph), is feed-forward plus feedback,
     (omega / Phi) eta + (omega / Phi)(eta - eta_sph). Here the feed-forward is the
     target velocity of the paddle (with its second-order part), and the feedback compares
-    the gauge reading with the elevation expected there without reflected waves:
+    the gauge reading eta_sph with the elevation eta_gauge expected there without reflected waves:
 
         U = U_target + gain (omega / Phi)(eta_gauge - eta_sph) - drift_rate (X - X_target)
         eta_gauge = eta_progressive(distance, t) + near_field X_1(t)
@@ -29,11 +29,11 @@ class ActiveAbsorption(eqx.Module):
     The defaults give Eq. 23 as printed. A gauge a few smoothing lengths h away lags the paddle by
     k * distance and measures the piston's evanescent modes. With Eq. 23 as printed, the lag and these modes
     act like a reflection; `at_gauge` corrects for the lag and the modes. The near field is computed from the
-    TARGET displacement X_1. With the actual displacement X, a slow drift would amplify itself at the rate
-    gain * near_field * omega / Phi, although a slow paddle has no near field.
+    first-order TARGET displacement X_1. With the actual displacement X, a slow drift would amplify itself at
+    the rate gain * near_field * omega / Phi, although a slow paddle has no near field.
 
     A constant error of the gauge moves the paddle until the displaced water compensates for the
-    error (closed tank), or until drift_rate stops it at an offset of
+    error (closed tank), or until drift_rate stops the paddle at an offset of
     gain (omega / Phi) error / drift_rate.
     """
 
@@ -56,9 +56,9 @@ class ActiveAbsorption(eqx.Module):
     ) -> "ActiveAbsorption":
         """Absorption with a gauge `distance` (m) in front of the paddle.
 
-        The near field is computed on the host from the present periods and depth of `waves`. The near field
-        is a leaf, constant under differentiation with respect to periods and depth. **Arguments**: `gain`
-        (-); `drift_rate` (1/s).
+        The near field is computed on the host from the present periods and depth of `waves`. Derivatives with
+        respect to periods and depth treat the near field as constant. **Arguments**: `gain` (-); `drift_rate`
+        (1/s).
         """
         return cls(gain, drift_rate, distance, waves.near_field(distance))
 

@@ -54,7 +54,8 @@ class AbstractWaves(eqx.Module):
 
     @abc.abstractmethod
     def near_field(self, x: float) -> Float[Array, "..."]:
-        """Ratio of evanescent elevation at x (m) to paddle displacement, for every wave (-); host numpy."""
+        """Ratio of evanescent elevation at x (m) to paddle displacement, for every wave (-), by numpy on the
+        host."""
 
     @abc.abstractmethod
     def near_elevation(self, ratio: Float[Array, "..."], t: ArrayLike) -> Float[Array, "..."]:
@@ -62,7 +63,8 @@ class AbstractWaves(eqx.Module):
 
     @abc.abstractmethod
     def at_peak(self, values: Float[Array, "..."]) -> Scalar:
-        """Element at the frequency `omega` of `values`, which has one value per wave."""
+        """Value that belongs to the wave of frequency `omega`, from an array `values` with one value per
+        wave."""
 
     @abc.abstractmethod
     def mean_displacement(self, t: ArrayLike, x: ArrayLike = 0.0) -> Float[Array, "..."]:
@@ -80,7 +82,7 @@ class AbstractWaves(eqx.Module):
         """
 
     def ramp_factor(self, t: ArrayLike) -> Float[Array, "..."]:
-        """Start-up factor at t (s), 0 to 1 (-): see `ramp_factor`."""
+        """Start-up factor at t (s), 0 to 1 (-): see the function `ramp_factor`."""
         return ramp_factor(real(t), self.ramp)
 
     def paddle_velocity(self, t: ArrayLike) -> Float[Array, "..."]:

@@ -54,7 +54,7 @@ class AbstractWaveField(eqx.Module):
 class LongCrestedWaves(AbstractWaveField):
     """Long-crested waves that travel in one direction: the waves of a flume, turned about the vertical axis.
 
-    The theory has the order of the flume's waves.
+    The order of the theory is the order of `waves`.
     """
 
     waves: AbstractWaves
@@ -91,9 +91,10 @@ class LongCrestedWaves(AbstractWaveField):
         return distance / self.lengthening
 
     def _start(self, t):
-        """Start-up factor over one period, 0 to 1 (-).
+        """Additional start-up factor at t (s), which rises from 0 to 1 over the first period (-).
 
-        The waves' ramp travels with them, and begins before t = 0 on the side that the waves reach first.
+        The ramp of `waves` travels with the waves, and therefore begins before t = 0 on the side of the basin
+        that the waves reach first.
         """
         return ramp_factor(real(t), 2.0 * jnp.pi / self.waves.omega)
 

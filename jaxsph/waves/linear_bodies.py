@@ -30,7 +30,7 @@ from jaxsph.waves.radiation import group_velocity
 __all__ = ["Compliance", "Damping", "LinearBodies", "SmallMotion", "linear_motion"]
 
 PHASES = 256
-"""Number of phases of a period at which a force is evaluated for its equivalent linearisation."""
+"""Number of phases in a period at which a force is evaluated for its equivalent linearisation."""
 MOST = 500
 """Largest number of iterations of the equivalent linearisation."""
 EXACT = 1e-8
@@ -158,7 +158,7 @@ def linear_motion(water: Hydrodynamics, bodies: SmallMotion, H: float) -> Linear
         # the amplitude falls as the equivalent damping rises, so that the geometric mean of the old and the
         # new amplitude converges
         sizes = np.sqrt(np.maximum(after, 1e-12) * np.maximum(sizes, 1e-12))
-    raise ValueError("the equivalent linearisation of the links' forces does not converge")
+    raise ValueError("the equivalent linearisation of the links and turbines does not converge")
 
 
 def _solved(

@@ -191,7 +191,10 @@ def linear_response(
 def _check_response(H: NDArray, K_dm: NDArray, rho0: float, lip_loss: NDArray, air: LinearAir) -> None:
     """Checks the arguments of `linear_response`. **Raises** ValueError if an argument is out of range."""
     if not (np.all(H > 0.0) and np.all(K_dm >= 0.0) and np.all(lip_loss >= 0.0) and rho0 > 0.0):
-        raise ValueError("H and rho0 must be positive, and K_dm and lip_loss must not be negative")
+        raise ValueError(
+            f"H = {H} and rho0 = {rho0} must be positive, and K_dm = {K_dm} and lip_loss = {lip_loss} must "
+            "not be negative"
+        )
     if air != IDEAL_AIR and np.any(lip_loss > 0.0):
         raise ValueError("lip_loss must be 0 with compressible air or a linear resistance (`air`)")
 
@@ -222,7 +225,7 @@ def _resistance(drive: NDArray, Z: complex) -> NDArray:
     """
     size = abs(Z)
     cosine = Z.real / size
-    some = drive * size > 1e-300  # below this r is 0, and ratios would underflow
+    some = drive * size > 1e-300  # smaller drives give r = 0, because ratios would underflow
     target = np.where(some, drive * size, 1.0)
     x = np.minimum(target, np.sqrt(target))
     for _ in range(8):

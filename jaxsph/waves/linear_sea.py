@@ -142,7 +142,9 @@ def integrated_sea_response(
     turns = omega * duration / (2.0 * np.pi)
     index = np.round(turns).astype(int)
     if np.max(np.abs(turns - index)) > 1e-6:
-        raise ValueError(f"the sea does not repeat after duration = {duration:g} s")
+        raise ValueError(
+            f"the sea does not repeat after duration = {duration:g} s: use frequencies n/duration, n whole"
+        )
     linear = linear_sea_response(geometry, amplitude, omega, K_dm, rho0, g)
     last = _HARMONICS * int(index.max())
     every = 2.0 * np.pi * np.arange(last + 1) / duration

@@ -12,8 +12,8 @@ the hulls, and the flows q, are
 
     F = X a - (B - i omega A) v + P p,    q = S a + T v - Z p,
 
-where F excludes the hydrostatic restoring forces. A and B are symmetric, Z is symmetric with Re Z >= 0, and
-P = -T^T, because hulls and chambers radiate waves by the same equations.
+where F excludes the hydrostatic restoring forces. By reciprocity, A, B and Z are symmetric and P = -T^T. The
+real part of Z is positive semidefinite.
 
 Method: Green's identity on the boundary of the water, with mirror images at the bed and the end wall, gives
 the potential on the boundary. On every straight panel the potential is a polynomial, collocated at Gauss
@@ -92,7 +92,7 @@ class Hydrodynamics:
     """Transmitted wave per unit incident wave, with fixed hulls and open chambers, at x = 0 (-)."""
     radiated: Complex
     """Amplitudes `[2, m + c]` of the waves to the left and to the right, relative to x = 0, per unit velocity
-    of a motion (s) and per unit pressure of a chamber (m/Pa)."""
+    of a motion (s; m s for pitch) and per unit pressure of a chamber (m/Pa)."""
 
     def index(self, hull: str, motion: str) -> int:
         """Index of the motion "surge", "heave" or "pitch" of a hull among the m motions."""

@@ -266,7 +266,7 @@ def evanescent(Kh: float, count: int) -> NDArray[np.floating]:
     """Roots k_n h, n = 1 .. count, of k_n h tan k_n h = -Kh, for the evanescent modes (-)."""
     n = np.arange(1, count + 1)
     x = n * np.pi - np.arctan(Kh / (n * np.pi))
-    for _ in range(8):  # Newton; the derivative of the bracket lies between 1 - 1/pi and 1
+    for _ in range(8):  # Newton's method: the function's derivative lies between 1 - 1/pi and 1
         x = x - (x - n * np.pi + np.arctan(Kh / x)) / (1.0 - Kh / (Kh**2 + x**2))
     return x
 

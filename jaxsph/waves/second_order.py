@@ -1,17 +1,18 @@
-"""Second-order wavemaker theory of a piston for any number of waves, after Schaeffer (1996); host numpy.
+"""Second-order wavemaker theory of a piston for any number of waves, after Schaeffer (1996).
 
-H. A. Schaeffer, Second-order wavemaker theory for irregular waves, Ocean Engineering 23 (1996) 47-88, solved
-here for a piston by projection on the free wave. Two first-order modes p and q (progressive or evanescent, of
-one or two of the waves) force a bound wave of frequency Omega = omega_p + omega_q or omega_p - omega_q and
-wavenumber K. The bound wave and the first-order error of the condition at the displaced wall, X1 phi1_xx,
-would generate a free wave of that frequency. The second-order displacement generates the same free wave with
-opposite sign, so that no free wave remains.
+The module uses numpy on the host in double precision. Source: H. A. Schaeffer, Second-order wavemaker theory
+for irregular waves, Ocean Engineering 23 (1996) 47-88. The equations are solved here for a piston by
+projection on the free wave. Two first-order modes p and q (each progressive or evanescent, of the same wave
+or of two waves) force a bound wave of frequency Omega = omega_p + omega_q or omega_p - omega_q and wavenumber
+K. The bound wave and the first-order error of the condition at the displaced wall, X1 phi1_xx, would generate
+a free wave of that frequency. The second-order displacement generates the same free wave with opposite sign,
+so that no free wave remains.
 
 Waves have the factor exp(i (omega t - k x)), z = 0 is the still water level, and an evanescent mode has an
 imaginary wavenumber k = -i kappa. For a difference frequency the second mode is replaced by its conjugate:
 frequency, wavenumber and amplitude become -omega, -conj(k), conj(B). The free wave's k0 satisfies
 Omega^2 = g k0 tanh(k0 h), so that the projection of a bound wave cancels the denominator of the
-wave's amplitude, and no term is near-resonant.
+bound wave's amplitude, and no term is near-resonant.
 """
 
 from __future__ import annotations
@@ -48,7 +49,8 @@ class Harmonics(NamedTuple):
     omega: Real
     """Angular frequencies, rad/s."""
     k: Real
-    """Wavenumbers of the phase along the tank, rad/m; a weighted mean where pairs share a frequency."""
+    """Wavenumbers of the phase along the tank, rad/m; a weighted mean where several pairs of waves have the
+    same frequency."""
 
     def at(self, t: Real) -> Real:
         """Value of the sum at the times t (s)."""
@@ -86,7 +88,7 @@ def evanescent_wavenumbers(omega: Real, d: float, g: float, modes: int) -> Real:
     y = (np.asarray(omega, float) ** 2 * d / g)[..., None]
     n = np.arange(1, modes + 1) * np.pi
     kd = n * np.ones_like(y)
-    for _ in range(60):  # a contraction: the slope y / (y^2 + kd^2) is under 1 / pi
+    for _ in range(60):  # a contraction: the slope y / (y^2 + kd^2) is less than 1 / pi
         kd = n - np.arctan(y / kd)
     return np.asarray(kd / d)
 
@@ -173,7 +175,7 @@ def second_order_elevation(
 
 
 def _modes(first: Harmonics, d: float, g: float, modes: int) -> _Modes:
-    """Modes that a piston's first-order displacement generates, the progressive one first."""
+    """Modes that a piston's first-order displacement generates, the progressive mode first."""
     omega = first.omega
     k = np.concatenate([first.k[:, None] + 0j, -1j * evanescent_wavenumbers(omega, d, g, modes)], axis=1)
     W = (omega**2 / g)[:, None] + 0j

@@ -64,7 +64,9 @@ class Chamber:
     def __post_init__(self) -> None:
         """**Raises** ValueError for a stretch without length."""
         if not self.first < self.last:
-            raise ValueError(f"chamber {self.name}: first = {self.first} must be below last = {self.last}")
+            raise ValueError(
+                f"chamber {self.name}: first = {self.first} must be less than last = {self.last}"
+            )
 
 
 @dataclass(frozen=True)

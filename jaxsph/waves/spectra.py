@@ -1,4 +1,4 @@
-"""Variance spectra of sea states, and seas drawn from them; host numpy in double precision.
+"""Variance spectra of sea states, and seas drawn from the spectra, by numpy on the host in double precision.
 
 The density S(f) is in m2/Hz and the frequency f in Hz. Hs is four times the standard deviation of the
 elevation.

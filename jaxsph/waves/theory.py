@@ -88,7 +88,7 @@ def stokes3_wavenumber(
     """
     H, d, omega = real(H), real(d), 2.0 * jnp.pi / real(T)
     k = wavenumber(omega, d, g)
-    # each pass adds at least two digits, since the height changes k by a few hundredths
+    # each pass adds at least two digits, since the height changes k by only a few per cent
     for _ in range(6):
         s, kd = jnp.tanh(k * d), k * d
         part = (9.0 - 10.0 * s**2 + 9.0 * s**4) / (8.0 * s**4) - 1.0 / (kd * s)
@@ -148,9 +148,8 @@ def stokes2_elevation(
 ) -> Float[Array, "..."]:
     """Elevation eta of a second-order Stokes wave travelling along +x, m.
 
-    `x` (m) and `t` (s) broadcast; a crest is at x = 0, t = 0. The wavenumber is the wavenumber of linear
-    waves; this is consistent to second order. Over many wavelengths use `stokes3_wavenumber` and
-    `stokes2_profile`.
+    `x` (m) and `t` (s) broadcast; a crest is at x = 0, t = 0. The wavenumber is that of linear waves, which
+    is correct to second order. Over many wavelengths use `stokes3_wavenumber` and `stokes2_profile`.
     """
     omega = 2.0 * jnp.pi / real(T)
     k = wavenumber(omega, d, g)

@@ -18,17 +18,17 @@ from jaxsph.core.arrays import Array, Bool, Float, Int
 from jaxsph.core.pairs import SPARE, Period
 
 WIDTH = 2
-"""Number of cells per search radius (-). Five lines of cells of half the radius contain 30 % fewer candidates
-than three lines of cells of the full radius."""
+"""Number of cells per search radius (-). In two dimensions, five lines of cells of half the radius contain
+30 % fewer candidates than three lines of cells of the full radius."""
 
 SPREADING = 1.3
-"""Safety factor (-) on the largest number of points near the water of one slab, which sets `Slabs.points`.
+"""Ratio (-) of `Slabs.points` to the largest number of points near the water of one slab at the start.
 
 As the water spreads, more points are near the water, and every change of `Slabs.points` recompiles the step.
 """
 SPREADS_ON = 2.0
-"""Safety factor (-) used instead of `SPREADING` once the number of points near a slab's water has
-exceeded `Slabs.points`."""
+"""Ratio (-) used instead of `SPREADING` once the number of points near a slab's water has exceeded
+`Slabs.points`."""
 
 
 class Grid(eqx.Module):

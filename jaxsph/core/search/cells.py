@@ -21,7 +21,7 @@ from jaxsph.core.pairs import Period, nearest_image
 from jaxsph.core.search.base import WIDTH, AbstractSearch, Grid, Table
 
 LARGEST_INDEX = np.iinfo(np.int32).max
-"""Largest index into a flat array that fits into an int32."""
+"""Largest int32: the largest index into a flat array."""
 
 
 class Cells(AbstractSearch):
@@ -59,7 +59,7 @@ def grid_over(low: np.ndarray, high: np.ndarray, radius: float, period: Period =
         if shape[axis] < 2 * WIDTH + 1:
             raise ValueError(
                 f"period = {length:g} m along axis {axis} is too short for a search radius of {radius:g} m: "
-                f"at least {(2 * WIDTH + 1) * cell:g} m are needed"
+                f"at least {(2 * WIDTH + 1) * cell:g} m are needed; use a longer period or a smaller spacing"
             )
     return Grid(tuple(float(a) for a in low), cell, tuple(shape), period)
 

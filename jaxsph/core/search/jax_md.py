@@ -34,8 +34,8 @@ class JaxMD(AbstractSearch):
     origin: tuple[float, ...] = eqx.field(static=True)
     """Low corner of the box, m."""
     box: tuple[float, ...] = eqx.field(static=True)
-    """Sides of the box, m. Each is at least four cells long, since jax-md tests all pairs in a smaller
-    box."""
+    """Sides of the box, m. Each is longer than four search radii; in a box shorter than three, jax-md tests
+    all pairs."""
     radius: float = eqx.field(static=True)
     """Search radius (support plus skin), m."""
     cell_capacity: tuple[int, int] = eqx.field(static=True)
@@ -51,7 +51,7 @@ class JaxMD(AbstractSearch):
                 "use the default search"
             )
         md = partition()
-        # Two cells at each end keep all coordinates positive, and particles away from their periodic images.
+        # This margin keeps all coordinates positive, and particles away from their periodic images.
         margin = 2.0 * grid.radius
         low = np.asarray(grid.origin) - margin
         box = np.asarray(grid.shape) * grid.cell + 2.0 * margin

@@ -163,8 +163,8 @@ def _with_halo(slabs: Slabs, x: Components, kind: Int[Array, " n"]) -> Seen:
 def _halo(slabs: Slabs, grid: Grid, x: Float[Array, "n D"], n: int) -> Int[Array, ""]:
     """Number of a slab's particles, at x (m), that are within reach of an adjacent slab.
 
-    `NARROW` if all particles of this slab are within reach of the adjacent slab: its reach may then extend
-    past this slab.
+    `NARROW` if all particles of this slab are within reach of the adjacent slab: the reach of that slab may
+    then extend past this one.
     """
     cell = cell_index(x, grid)[:, 0]
     first = jax.lax.all_gather(cell[0], AXIS)

@@ -72,9 +72,9 @@ def chamber(run: RunFile, linear: LinearOWC | None = None) -> Figure | None:
     """
     panels = [
         ("chamber_level", "level (m)", "mean level above still water, positive when risen", BLUE),
-        ("flow", "flow (m$^2$/s)", "air flow per metre width, positive out of the chamber", GREEN),
+        ("flow", "flow", "air flow out of the chamber (m$^3$/s; m$^2$/s in two dimensions)", GREEN),
         ("P_a", "pressure (Pa)", "air pressure above atmospheric, positive when compressed", RED),
-        ("power_pto", "power (W/m)", "power absorbed by the PTO per metre width", PURPLE),
+        ("power_pto", "power", "power absorbed by the PTO (W; W/m in two dimensions)", PURPLE),
     ]
     series = run.series()
     ends = [name.removeprefix("P_a") for name in series if name == "P_a" or name.startswith("P_a_")]

@@ -113,7 +113,7 @@ function results() {
     el("table", {}, el("thead", {}, head.cloneNode(true)), el("tbody", {}, ...names.filter((name) => rows[name].group === group).map(row))));
   const groups = ["device", "waves"].filter((group) => names.some((name) => rows[name].group === group));
   const shown = groups.map((group) => el("div", {}, el("h3", {}, group === "device" ? "Device" : "Waves"), table(group)));
-  return section("Results", ...shown, el("details", {}, el("summary", {}, "How far to trust them: energy balance, noise, cost"), table("numerics")));
+  return section("Results", ...shown, el("details", {}, el("summary", {}, "How far to trust the results: energy balance, noise, cost"), table("numerics")));
 }
 
 function about() {
@@ -142,11 +142,11 @@ function particles() {
     const both = run.player.slice ? el("div", { class: "beside" }, section, spaceStage(run, known.find((space) => space.run.label === run.label))) : section;
     return el("div", {}, shown.length > 1 ? el("h3", {}, run.label) : null, both, readings(run));
   });
-  const views = page.spaces.length ? el("p", { class: "hint" }, "In the view in three dimensions, drag or the arrow keys turn, Shift and drag move, + and − or Ctrl and the mouse wheel zoom, 0 shows the whole tank. The rectangle marks the section that is shown beside it; dashed: still water level.") : null;
+  const views = page.spaces.length ? el("p", { class: "hint" }, "In the view in three dimensions, drag or use the arrow keys to turn, hold Shift and drag to move, and use + and − or Ctrl and the mouse wheel to zoom. Press 0 to show the whole tank. The rectangle marks the section that is shown beside the view. The dashed line is the still water level.") : null;
   const thinnest = Math.max(...shown.map((run) => run.player.thinning));
   const thinned = thinnest > 1 ? el("p", { class: "hint" }, `One particle in ${thinnest} is shown, enlarged.`) : null;
-  return section("Particles", el("div", { class: "player", role: "group", "aria-label": "Particles played back" }, ...stages, controls(), legend(), views, thinned,
-    el("p", { class: "hint" }, "Keys: space plays or pauses, ← and → step, + and − zoom, 0 shows the whole tank. Drag to move the picture; Ctrl and the mouse wheel zoom. Click in a chart to go to its time.")));
+  return section("Particles", el("div", { class: "player", role: "group", "aria-label": "Playback of the particles" }, ...stages, controls(), legend(), views, thinned,
+    el("p", { class: "hint" }, "Keys: space plays or pauses, ← and → step, + and − zoom, 0 shows the whole tank. Drag to move the picture; use Ctrl and the mouse wheel to zoom. Click in a chart to show the particles at that time.")));
 }
 
 // The section of a run across the tank that is shown; y is null in two dimensions.
@@ -241,7 +241,7 @@ function overTime() {
   if (!groups.length) return null;
   const place = el("div", {});
   page.charts.push(new Charts(place, groups, (t) => seek(t)));
-  return section("Over time", el("p", { class: "hint" }, "Drag over a chart to zoom all charts; double-click to see the whole time again. Click a name beside a chart to hide or show its line. Dashed: linear theory."), place, numbers(groups));
+  return section("Over time", el("p", { class: "hint" }, "Drag over a chart to zoom all charts; double-click to show the whole run again. Click a name beside a chart to hide or show its line. Dashed: linear theory."), place, numbers(groups));
 }
 
 // What the charts show, as a table for readers who cannot see them.

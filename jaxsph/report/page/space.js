@@ -199,7 +199,7 @@ class Space {
       const [x, y, z] = mesh.pose.slice(0, 3).map(three), degrees = Math.hypot(...mesh.pose.slice(3)) * 180 / Math.PI;
       return [`${name} moved by (${x}, ${y}, ${z}) mm and turned by ${number(Number(degrees.toPrecision(3)))}°`];
     });
-    return `At t = ${t.toFixed(2)} s: free surface from ${least} to ${most} about the still level${moved.length ? `; ${moved.join("; ")}` : ""}.`;
+    return `At t = ${t.toFixed(2)} s: free surface from ${least} to ${most} relative to the still water level${moved.length ? `; ${moved.join("; ")}` : ""}.`;
   }
 }
 
