@@ -1,5 +1,6 @@
-"""A problem of your own: a box released above its equilibrium bobs. The arguments of `box` are the keys.
+"""A problem of your own: a box released above its equilibrium bobs.
 
+The arguments of `box` are the keys of `--set` and `--grid`.
 jaxsph run examples/bobbing_box.py:box --set density=400
 jaxsph sweep examples/bobbing_box.py:box --grid density=300,400,500
 """

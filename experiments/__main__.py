@@ -34,7 +34,7 @@ GALLERY = Path(__file__).parent / "README.md"
 FOLDERS = ("verification", "validation", "studies", "benchmarks")
 INTRODUCTION = """# Experiments
 
-Measured results. `python -m experiments gallery` writes this page from the committed results;
+Results of the experiments. `python -m experiments gallery` writes this page from the committed results;
 `python -m experiments table` prints every row with its limit (`bar`) and with the values of theory and paper.
 The command of a section repeats the experiment, and writes its rows and picture into `runs/results`. Runs are
 kept in `runs/`; an interrupted run is continued. With `--commit` appended, the command replaces the results
@@ -89,14 +89,16 @@ def table(
                 f"  {row['check']:54s} {shown(row['paper']):>12s} {shown(row['theory']):>12s} "
                 f"{shown(row['here'], row['unit']):>18s}  {row['bar']:26s} {flag(row)}"
             )
-    print(f"\n{total} rows, {missed} outside their bars")
+    print(f"\n{total} rows, {missed} outside their limits")
 
 
 @app.command()
 def again(
     names: Annotated[list[str] | None, typer.Argument(help="Beginnings of names; default: all.")] = None,
     folder: Annotated[Path, typer.Option(help="Folder for runs and rows.")] = Path("runs/again"),
-    commit: Annotated[bool, typer.Option("--commit", help="Copies the rows to experiments/results.")] = False,
+    commit: Annotated[
+        bool, typer.Option("--commit", help="Copies rows and pictures to experiments/results.")
+    ] = False,
 ) -> None:
     """Runs the experiments whose rows are committed, the shortest first, and lists those that failed.
 
@@ -137,14 +139,14 @@ def experiments() -> dict[str, Path]:
 
 
 def parser(name: str) -> Any:
-    """Command for the command line that runs an experiment, with the options of its function `main`.
+    """Command that runs an experiment from the command line, with the options of its function `main`.
 
     **Raises** BadParameter if no experiment has this name.
     """
     known = experiments()
     if name not in known:
         near = difflib.get_close_matches(name, known, 1)
-        meant = f"did you mean {near[0]}?" if near else "python -m experiments run lists them"
+        meant = f"did you mean {near[0]}?" if near else "python -m experiments run lists the names"
         raise typer.BadParameter(f"no experiment is called {name!r}: {meant}")
     module = importlib.import_module(f"experiments.{known[name].parent.name}.{name}")
     alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
@@ -153,7 +155,7 @@ def parser(name: str) -> Any:
 
 
 def _list() -> None:
-    """Prints the experiments by folder, each with the first sentence of its file."""
+    """Prints the experiments by folder, each with the first line of its docstring."""
     folder = None
     for name, path in sorted(experiments().items(), key=lambda of: (FOLDERS.index(of[1].parent.name), of[0])):
         if path.parent.name != folder:

@@ -21,7 +21,7 @@ from jaxsph.solids.placement import lattice as filled
 RUNS = Path("runs")
 """Folder of the runs; a second call reads finished runs and continues interrupted runs."""
 REFERENCE = Path(__file__).parent / "reference"
-"""Folder of measured series; see the README in it."""
+"""Folder of measured and computed series from the literature; see the README in it."""
 COMMITTED = Path(__file__).parent / "results"
 """Folder of the committed rows and pictures of every experiment; written only with `--commit`."""
 OWN = RUNS / "results"
@@ -31,7 +31,8 @@ OWN = RUNS / "results"
 def solved(case: js.Case, name: str, t1: float | None = None) -> RunFile:
     """File of the case's run to t1 (s). The run is computed, continued, or only read if it is complete.
 
-    **Raises** ValueError if `runs/<name>.h5` holds a run of another case: remove it or choose another name.
+    **Raises** ValueError if `runs/<name>.h5` holds a run of another case: remove the file or choose another
+    name.
     """
     path = RUNS / f"{name}.h5"
     end = case.t1 if t1 is None else t1
@@ -41,7 +42,7 @@ def solved(case: js.Case, name: str, t1: float | None = None) -> RunFile:
         return RunFile.open(path)
     file = RunFile.open(path)
     if file.case_toml != case.to_toml():
-        raise ValueError(f"{path} holds a run of another case: remove it to run this one")
+        raise ValueError(f"{path} holds a run of another case: remove the file to run this case")
     times = file.series().get("time", np.zeros(0))
     if not times.size or times[-1] < end - 1.5 * case.output.sample_dt:
         js.resume(path, t1=end)
@@ -90,14 +91,14 @@ class Report:
         bar: str = "",
         passes: bool | None = None,
     ) -> None:
-        """Adds one check: values here, in theory and in the paper, the bar, and whether the bar is met."""
+        """Adds one check: values here, in theory and in the paper, the limit `bar`, and whether it is met."""
         found = {"check": check, "here": _plain(here), "unit": unit, "theory": _plain(theory)}
         found |= {"paper": _plain(paper), "bar": bar, "passes": None if passes is None else bool(passes)}
         self.rows.append(found)
         print(f"  {check:56s} {shown(here, unit):>20s}   {bar:26s} {VERDICT[found['passes']]}", flush=True)
 
     def against(self, check: str, here: float, theory: float, unit: str = "", *, bar: float) -> None:
-        """Adds the check that `here` is within the fraction `bar` of theory, and the error in %."""
+        """Adds the check that `here` is off theory by less than the fraction `bar`, and the error in %."""
         off = here / theory - 1.0
         words, passes = f"within {100 * bar:g} %", abs(off) < bar
         self.row(check, here, unit, theory=theory, bar=words, passes=passes)
@@ -111,7 +112,7 @@ class Report:
         self.pictures.append(file)
 
     def table(self, columns: Mapping[str, Sequence[float]]) -> None:
-        """Saves columns of values, by names with units, as `<name>.csv`; each row is a run."""
+        """Saves columns of values as `<name>.csv`; their names include the units, and each row is a run."""
         self.folder.mkdir(parents=True, exist_ok=True)
         rows = zip(*columns.values(), strict=True)
         with (self.folder / f"{self.name}.csv").open("w", newline="", encoding="utf-8") as file:
@@ -131,7 +132,7 @@ class Report:
 
 
 def of_paddle(results: Mapping[str, float], energy: str, budget: str = "") -> float:
-    """An energy of the budget, in % of the paddle's work; `budget` "whole_" selects that of the whole run."""
+    """An energy of the budget, in % of the paddle's work; with `budget` = "whole_", over the whole run."""
     return 100 * results[f"{budget}energy_{energy}"] / results[f"{budget}energy_paddle"]
 
 

@@ -100,8 +100,10 @@ class LinearBody:
     def natural_period(self, motion: str) -> float:
         """Undamped natural period of the mode in which a motion has most of the energy, s.
 
-        The added mass is that at the natural frequency. **Raises** ValueError if the frequency is not found
-        in 100 steps.
+        The added mass is that at the natural frequency.
+
+        **Raises** ValueError if the motion has no restoring force, or if the frequency is not found in 100
+        steps.
         """
         at, omega = MOTIONS.index(motion), 5.0
         for _ in range(100):
@@ -114,7 +116,7 @@ class LinearBody:
             if abs(np.sqrt(square) / omega - 1.0) < 1e-4:
                 return 2.0 * np.pi / float(np.sqrt(square))
             omega = float(np.sqrt(omega * np.sqrt(square)))
-        raise ValueError(f"no natural frequency of {motion} was found")
+        raise ValueError(f"the natural frequency of {motion} did not converge in 100 steps")
 
     def decay(self, start: Sequence[float], t: Values) -> Values:
         """Motions `[3, times]` at the times t (s) after a release at rest from the displacements `start`.

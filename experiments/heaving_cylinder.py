@@ -26,7 +26,8 @@ frequency phi = 0 on the surface, and only the multipole terms proportional to K
 Sources: F. Ursell, On the heaving motion of a circular cylinder on the surface of a fluid, Q. J. Mech. Appl.
 Math. 2 (1949) 218-231; W. E. Cummins, The impulse response function and ship motions, Schiffstechnik 9
 (1962) 101-109; T. F. Ogilvie, Recent progress toward the understanding and prediction of ship motions, Proc.
-5th Symposium on Naval Hydrodynamics (1964) 3-80, for the memory's relation to added mass and damping.
+5th Symposium on Naval Hydrodynamics (1964) 3-80, for the relation of the memory function to added mass
+and damping.
 """
 
 from __future__ import annotations
@@ -219,13 +220,13 @@ def strip_of_a_long_cylinder(
 class Release:
     """Free heave of a cylinder released at rest above its equilibrium, by Cummins' equation.
 
-    (m + A_inf) z'' + int_0^t kappa(t - s) z'(s) ds + c z = 0 with the memory
+    (m + A_inf) z'' + int_0^t kappa(t - s) z'(s) ds + c z = 0 with the memory function
     kappa(t) = (2/pi) int_0^inf B(omega) cos(omega t) d omega.
     """
 
     def __init__(self, cylinder: Cylinder, omega_end: float = 40.0, count: int = 160) -> None:
         """Computes the damping at `count` frequencies up to omega_end (rad/s), enough to resolve the memory
-        over 12 s.
+        function over 12 s.
 
         Increasing omega_end by half moves the turning points of a path by less than 1e-5 of a period.
         """

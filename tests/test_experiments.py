@@ -157,7 +157,7 @@ def test_table_counts_what_misses(results, monkeypatch):
         report.row("one", 1.0, passes=True)
         report.row("two", 2.0, "Pa", theory=1.0, bar="1 %", passes=False)
     monkeypatch.setattr(runner, "COMMITTED", results)
-    assert "2 rows, 1 outside their bars" in called("table").output
+    assert "2 rows, 1 outside their limits" in called("table").output
     assert "0 rows" in called("table", "other").output
     assert "two 2 Pa (theory 1) **(missed)**" in runner.gallery_text(results)
 

@@ -42,7 +42,7 @@ def main(dx: float = 0.01, steps: int = 10, turns: int = 3, threads: int = 1, de
     state = jax.block_until_ready(advance(model, state))
     seconds = min(_seconds(advance, model, state) for _ in range(turns)) / (steps * every)
     if int(state.status.bits):
-        raise SystemExit("a step failed: see the status of the state")
+        raise SystemExit(f"a step failed: flags {int(state.status.bits)} of jaxsph.model.state.Failure")
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     many = f", {devices} devices" if devices > 1 else ""
     name = f"bench_isph_{dx:g}_{threads}" + (f"_{devices}" if many else "")

@@ -67,8 +67,10 @@ class Limit(NamedTuple):
 
 
 def main(
-    dx: Annotated[list[float] | None, typer.Option(help="m, repeatable; default 0.02, 0.01, 0.005")] = None,
-    schemes: Annotated[list[str] | None, typer.Option(help="repeatable; default: both")] = None,
+    dx: Annotated[
+        list[float] | None, typer.Option(help="Spacing, m; repeatable; default: 0.02, 0.01, 0.005.")
+    ] = None,
+    schemes: Annotated[list[str] | None, typer.Option(help="Scheme; repeatable; default: both.")] = None,
     t1: float = 14.0,
 ) -> None:
     """Runs or continues the requested spacings and schemes, and reports them with the runs that are already

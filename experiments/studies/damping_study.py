@@ -20,8 +20,8 @@ POINT = (0.16, 121.96, 0.54, 0.30)
 
 def main(
     dx: float = 0.02,
-    damping: Annotated[list[float] | None, typer.Option(help="B*, repeatable; default: seven")] = None,
-    height: Annotated[list[float] | None, typer.Option(help="H*, repeatable; default: five")] = None,
+    damping: Annotated[list[float] | None, typer.Option(help="Damping B*, repeatable; default: 7")] = None,
+    height: Annotated[list[float] | None, typer.Option(help="Height H*, repeatable; default: 5")] = None,
 ) -> None:
     """Runs or continues the study at the spacing dx (m)."""
     case = study_case(dx, 12.0).replace({"device.wall_thickness": 0.01})
@@ -60,7 +60,7 @@ def main(
             passes=falls[fine[:-1]].all(),
         )
         spread = float(np.max(best) / np.min(best))
-        # the optimum of linear theory is proportional to 1/sqrt(H): its ratio over these heights
+        # in linear theory the best damping is proportional to 1/sqrt(H): its largest over its smallest value
         moves = float(np.max(best_linear) / np.min(best_linear))
         report.row("best damping, largest over smallest", spread, theory=moves, paper="hardly moves")
         spread, moves = (float(np.max(b[fine]) / np.min(b[fine])) for b in (best, best_linear))

@@ -1,4 +1,7 @@
-"""Efficiency as a function of wave period and draught, which the paper's text does not give."""
+"""Efficiency as a function of wave period and draught.
+
+The paper's text does not give the draught.
+"""
 
 from __future__ import annotations
 

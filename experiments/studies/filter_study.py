@@ -53,7 +53,7 @@ def main(dx: float = 0.02) -> None:
                 f"K_dm = {k:g}: share of the water's response lost", (one["slope"] - expected) / -response
             )
         slopes = np.asarray(long["per_period"])
-        # without any response the slope is the direct term; a slope of twice this term is taken as growth
+        # without any response of the water the slope is the direct term; twice this term is taken as growth
         grown = np.flatnonzero(np.abs(slopes) > 2 * long["direct"])
         whole = int(grown[0]) if grown.size else len(slopes)
         report.row(

@@ -26,7 +26,9 @@ LIP = 4.0
 
 
 def main(
-    dx: Annotated[list[float] | None, typer.Option(help="m, repeatable; default 0.02, 0.01")] = None,
+    dx: Annotated[
+        list[float] | None, typer.Option(help="Spacing, m; repeatable; default: 0.02, 0.01.")
+    ] = None,
     finest: float = SPACINGS[-1],
     t1: float = 14.0,
 ) -> None:

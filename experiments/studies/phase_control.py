@@ -67,7 +67,9 @@ def main(dx: float = 0.02, learn: int = 16, judge: int = 12, before: int = 4, ra
         energy, other = run(constant, other)
         without.append(float(energy))
     if int(state.status.bits) or int(other.status.bits):
-        raise SystemExit("a run failed: see the status of its state")
+        raise SystemExit(
+            f"a run failed: flags {state.status.bits | other.status.bits} of model.state.Failure"
+        )
     with Report(f"phase_control_{dx:g}", "Damping over the waves' phase, learnt wave by wave", dx) as report:
         P = incident_power(case) * T
         a, b = np.array(with_it[2:]) / P, np.array(without[learn + 2 :]) / P

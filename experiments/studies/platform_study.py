@@ -10,7 +10,8 @@ from experiments.owc_tank import over_periods, study_case
 
 HEIGHTS = (0.0, 0.08, 0.16)
 LENGTH = 0.5
-"""Length of the platform from the end wall, m: the chamber and about 2.5 chamber lengths in front of it."""
+"""Length of the platform from the end wall, m: the chamber, the front wall, and 2.7 chamber lengths in
+front of it."""
 PERIODS = (1.0, 1.2, 1.4)
 
 

@@ -16,8 +16,10 @@ PERIODS = (0.8, 1.0, 1.2, 1.4, 1.6, 1.8)
 
 def main(
     dx: float = 0.02,
-    thickness: Annotated[list[float] | None, typer.Option(help="m, repeatable; default: four")] = None,
-    period: Annotated[list[float] | None, typer.Option(help="s, repeatable; default: six")] = None,
+    thickness: Annotated[
+        list[float] | None, typer.Option(help="Thickness, m; repeatable; default: four.")
+    ] = None,
+    period: Annotated[list[float] | None, typer.Option(help="Period, s; repeatable; default: six.")] = None,
 ) -> None:
     """Runs or continues the study at the spacing dx (m)."""
     title = "Efficiency over period and wall thickness (section 5.1), assumed draught of 0.16 m, no platform"

@@ -68,7 +68,7 @@ def extremes(t: np.ndarray, z: np.ndarray, count: int = 3) -> tuple[np.ndarray, 
         crossed = np.flatnonzero(sign * z[start:] > 0)
         if not crossed.size:
             raise ValueError(
-                f"the record of {t[-1] - t[0]:.3g} s has {n} turning points, but {count} are needed"
+                f"the record of {t[-1] - t[0]:.3g} s has {n} turning points, not {count}: run longer"
             )
         first = start + int(crossed[0])
         back = np.flatnonzero(sign * z[first:] < 0)

@@ -2,8 +2,8 @@
 
 The sphere of Kramer et al. 2021 (Energies 14, 269; diameter 0.3 m) is half immersed at its equilibrium and is
 released a tenth of its diameter above it. The basin here is smaller than that of the experiments. Waves of
-the sphere's natural period return from the walls after the record has ended, but long waves cross the basin
-within a tenth of a period, so that the mean level rises as the sphere sinks; this rise is reported. The four
+the sphere's natural period return from the walls after the record has ended, but long waves reach the walls
+within a period, so that the mean level rises as the sphere sinks; this rise is reported. The four
 turning points are also compared with those that Reynolds-averaged Navier-Stokes codes found for a sphere of
 radius 5 m in the sphere task of IEA OES, scaled by Froude's law.
 """
@@ -21,7 +21,8 @@ from experiments.validation.heave import extremes
 PERIOD = 0.7561
 """Natural period of the small sphere in the experiments, s."""
 MEASURED = {"first trough": (0.5105, -0.8535), "first peak": (None, 0.630)}
-"""Turning points of the experiments: time from the release over `PERIOD` (-), height over the first (-)."""
+"""Turning points of the experiments: time from the release over `PERIOD` (-), height over that at the
+release (-)."""
 CODES = ((2.23, -0.8686), (4.45, 0.6368), (6.63, -0.4694), (8.81, 0.3490))
 """Times (s) and heights (m) of the turning points of the sphere of 5 m, released 1 m above equilibrium."""
 SCALE = 5.0 / 0.15

@@ -17,7 +17,7 @@ V, RHO = 6.15, 1000.0
 CP, FORCE = 6.927, 14.139
 """Largest 2p/(rho V^2) (Iafrati 2013, table 1), and F/(rho V^3 t) on both faces (Zhao and Faltinsen 1993)."""
 WINDOW = (0.009, 0.0145)
-"""Interval from an immersion of some tens of spacings until the jet is near the chine, s."""
+"""Interval from an immersion of eleven spacings of 5 mm until the jet is near the chine, s."""
 FALL = {0.0045: 6.06, 0.0155: 5.10}
 """Speed (m/s) in free fall by time (s), from the quasi-similarity balance of momentum."""
 FACE = np.linspace(0.02, 0.98, 49)

@@ -98,7 +98,7 @@ def main(n: int = 40) -> None:
             found = {m: errors(flow, run) for m, run in runs.items()}
             for time, (rms, most) in zip(TIMES, found[n], strict=True):
                 where = f"{name}, t = {time:g} L²/nu"
-                # the bar of 2 % of U is chosen here; the series themselves are exact
+                # the limit of 2 % of U is chosen here; the series themselves are exact
                 report.row(
                     f"{where}: L2 error / U", 100 * rms, "%", theory=0.0, bar="< 2 %", passes=rms < 0.02
                 )

@@ -98,7 +98,7 @@ def solve(case: js.Case, background: bool, t1: float) -> Found:
     began = time.perf_counter()
     model, state = js.build(case)
     every = round(case.output.sample_dt / float(model.dt))
-    # The tables get spare capacity for a division with moving water; if that is not enough, the search is
+    # The tables get spare capacity for a division with moving water; if a table becomes stale, the search is
     # repeated more often.
     search = dataclasses.replace(
         model.search,
@@ -151,7 +151,7 @@ def pressure_error(run: Found) -> float:
 
 
 def verdict(run: Found) -> str:
-    """Verdict on the run: "at rest" if the kinetic energy stays below the bar and does not grow after
+    """Verdict on the run: "at rest" if the kinetic energy stays below `BAR` and does not grow after
     settling.
 
     The settled energy is the mean over the second fifth of the run, the final energy the mean over its last
@@ -169,7 +169,7 @@ def verdict(run: Found) -> str:
 def _rows(report: Report, division: str, background: bool, run: Found, t1: float) -> None:
     label = f"({division}) {'as a user runs it' if background else 'without the background'}"
     share = run.kinetic / SCALE
-    # A failed run has no energy at t1 and misses the bar. Only the division that the code uses has a bar.
+    # A failed run has no energy at t1 and counts as missed. Only the division that the code uses has a limit.
     last = "failed" if run.ended else float(share[-1])
     barred = division == "b" and background
     report.row(

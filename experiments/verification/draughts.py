@@ -53,7 +53,10 @@ class Shape(abc.ABC):
 
     @abc.abstractmethod
     def section(self, x: float, foot: float, size: float) -> dict[str, Any]:
-        """Keys of the body's section in a case: middle x (m), height of the lowest point (m), size (m)."""
+        """Keys of the section of a body in a case.
+
+        `x`: position of its middle, m; `foot`: height of its lowest point, m; `size`: its size, m.
+        """
 
     @abc.abstractmethod
     def outline(self) -> shapely.Polygon:

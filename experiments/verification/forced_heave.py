@@ -28,7 +28,7 @@ RHO, G, DEPTH, RADIUS, DRAUGHT, EDGE = 1000.0, 9.81, 0.4, 0.15, 0.1, 0.05
 """Density (kg/m3), gravity (m/s2), depth, radius of both bodies, and draught and radius of the lower edge of
 the cylinder (m)."""
 PERIODS = {0.7: 1.6, 0.85: 2.0}
-"""Periods (s), and the length and width of the tank (m) for each of them."""
+"""Periods (s), and for each the length (m) of the tank, equal to its width."""
 AMPLITUDE = 0.01
 """Amplitude of the heave, m."""
 RAMP, SETTLE, TAKEN = 1, 1, 2
@@ -128,7 +128,9 @@ BODIES = ("sphere", "cylinder")
 def main(dx: float = 0.025, T: float = 0.7) -> None:
     """Runs both bodies with the period T (s), one of `PERIODS`."""
     if T not in PERIODS:
-        raise ValueError(f"T = {T:g} s must be {' or '.join(map(str, PERIODS))} s: each has its own tank")
+        raise ValueError(
+            f"T = {T:g} s must be {' or '.join(map(str, PERIODS))} s: the tanks are defined for these"
+        )
     title = f"Sphere and cylinder in forced heave, T = {T:g} s, 3-D: added mass and damping"
     with Report(f"forced_heave_{dx:g}_{T:g}", title, dx) as report:
         report.seconds, forces = 0.0, {}

@@ -1,6 +1,7 @@
 """The incompressible scheme against exact solutions: still water, a standing wave, a vortex.
 
-Each case is the same as for the weakly compressible scheme, with the same bars. Buchner's dam break is added.
+Each case is the same as for the weakly compressible scheme, with the same limits. Buchner's dam break is
+added.
 """
 
 from __future__ import annotations
@@ -90,10 +91,11 @@ class _Impact(NamedTuple):
 def _impact(name: str, layers: int, changes: dict) -> _Impact:
     """Runs the dam break beyond its pressure plateau; the incompressible scheme has dummy walls."""
     scale = np.sqrt(dam_break.G / dam_break.BUCHNER)
-    # the residual is relative to all sources, which are far larger where the water falls than at the wall
+    # The tolerance is relative to the sources of all particles, which are far larger where the water falls
+    # than at the wall; it is therefore a tenth of the default.
     changes = changes | ({"tank.walls": "dummy", "scheme.tolerance": 3e-4} if changes else {})
     case = dam_break.impact_case(layers).replace(
-        # single drops of the jet up the wall rise above the rim, and may leave
+        # single drops of the jet up the wall rise above the rim, and may leave the tank
         changes | {"t1": 1.4, "output.sample_dt": 0.004, "probes.gauges": [], "tank.rim": "open"}
     )
     file = solved(case, f"impact_{name.split()[0]}_{layers}")

@@ -3,7 +3,7 @@
 The box of the case `box_moored`, which is moored by two springs, is held away from its equilibrium in one
 motion until the water has settled, and is then released. The period is the time from the release to the next
 turning point on the same side. The theory is the free motion after the same release, with the added mass and
-damping of `jaxsph.waves.panels` at all frequencies and the stiffness of the water and the springs. The
+damping of `jaxsph.waves.panels` at all frequencies, and with the stiffness of buoyancy and springs. The
 undamped natural periods, with the added mass at the natural frequency, are also reported; heave is damped
 so much that the time between two turning points differs from its undamped period.
 
@@ -60,7 +60,8 @@ class Release:
     def case(self, dx: float) -> js.Case:
         """The box on its springs in still water, at the spacing dx (m)."""
         base = js.load_case("box_moored")
-        # a case takes its sections as positions at rest; the box is displaced, so the links need `rest`
+        # A case takes the given position of a body as its position at rest. The box is displaced from its
+        # equilibrium, so the rest lengths of the links must be given.
         middle = 0.5 * self.length
         x, z, angle = self.start
         block = base.body.block

@@ -164,7 +164,7 @@ def by_moordyn(axis: int) -> tuple[np.ndarray, np.ndarray] | None:
         state = [([x, 0.0, z - 0.5], [u, 0.0, w]) for (x, z), (u, w) in zip(places, rates, strict=True)]
         moordyn.Init(system, *state[0])
         for t, (place, rate) in zip(times, state, strict=True):
-            # the force on the fairlead, which includes half of the last segment's weight as here
+            # the force on the fairlead; as here, it includes half the weight of the last segment
             across, _, up = moordyn.Step(system, place, rate, float(t), STEP)
             tensions.append(np.hypot(across, up))
         moordyn.Close(system)
@@ -186,7 +186,7 @@ def _quiet() -> Iterator[None]:
 
 
 def periods() -> tuple[float, float]:
-    """Surge period (s) of a block of 20 kg between two moorings, simulated and from the stiffness of the
+    """Surge period (s) of a block of 20 kg/m between two moorings, simulated and from the stiffness of the
     moorings."""
     joint = js.PlanarJoint.of(("surge",), velocity=(0.01, 0.0, 0.0), dtype=F64)
     box = js.Block((-0.1, -0.1), (0.1, 0.1))

@@ -63,7 +63,7 @@ def main(dx: float = 0.0625, degrees: float = 20.0) -> None:
 
 
 def _row(report: Report, check: str, error: float, unit: str, bar: float) -> None:
-    """Adds the row of an error that must stay within a bar of the same unit."""
+    """Adds the row of an error and of its limit `bar`, which has the same unit."""
     words = f"within {bar:g} {unit}" if unit else f"within {100 * bar:g} %"
     report.row(check, error, unit, theory=0.0, bar=words, passes=abs(error) < bar)
 

@@ -85,7 +85,7 @@ class DropProbe(AbstractProbe):
 
 
 def built(n: int, c0: float = 15.0, strength: float | None = None):
-    """Model and state of a drop with n spacings per radius; without `strength` there is no shifting."""
+    """Model and state of a drop with n spacings per radius; `strength` (-) of the shifting, or None."""
     dx = R / n
     box = js.Box((-HALF, -HALF), (HALF, HALF), sides=("open", "open"))
     shifting = None if strength is None else Shifting(strength)
@@ -139,7 +139,7 @@ def energy_drift(solution: js.Solution) -> float:
 
 
 def main(n: int = 50, t1: float = 9.5, c0: float = 15.0) -> None:
-    """Runs drops with radii of n, n/2 and n/4 spacings to t1 (two periods).
+    """Runs drops with radii of n, n/2 and n/4 spacings to t1 (s), by default about two periods.
 
     The error of the axes is a phase error, which does not fall with dx, so no order is reported.
     """

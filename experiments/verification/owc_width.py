@@ -1,7 +1,7 @@
 """OWC across the whole width of a narrow flume: three dimensions against two at the same spacing.
 
 The flume is five spacings wide between walls without friction, so that the flow is two-dimensional. The
-turbine is linear; its resistance times the width is that of the two-dimensional run per metre of width.
+turbine is linear; its resistance times the width equals the resistance in the two-dimensional run.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Decay, noise and hyperviscosity of a standing wave, by kernel and by diffusion of density.
+"""Decay, noise and hyperviscosity of a standing wave, by kernel and by density diffusion.
 
 The scheme is incompressible, in 2-D and 3-D, or weakly compressible, in 2-D. The wave of 0.08 m is two
 spacings high, in a tank 1 m long (and 0.4 m wide in 3-D). It loses energy only because of the noise of the
@@ -19,13 +19,13 @@ from jaxsph.schemes.kernels import KERNEL, NAMED, SEMICIRCLE, KernelName, usual_
 
 BARS = {2: (0.0015, 0.015, 0.15), 3: (0.002, 0.025, 0.08)}
 """Largest allowed values by number of dimensions: decay rate (1/s), ratio of noise to speed (-), and energy
-lost by hyperviscosity during `USUAL` (J/m, J)."""
+lost to hyperviscosity during `USUAL` (J/m in 2-D, J in 3-D)."""
 USUAL = 3.0
 """Default duration of the run, s."""
 BEFORE: dict[int, KernelName] = {2: "gaussian", 3: "wendland"}
 """Earlier default kernels, before semicircle and polynomial, by number of dimensions."""
 DIFFUSIONS = (0.1, 0.2, 0.4)
-"""Compared coefficients delta of the weakly compressible diffusion; the first is the default."""
+"""Coefficients delta of the density diffusion (-) that are compared; the first is the default."""
 
 
 def main(

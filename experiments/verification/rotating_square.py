@@ -91,7 +91,7 @@ def drift(solution: js.Solution) -> tuple[float, float]:
 
 
 def voids(solution: js.Solution) -> float:
-    """Fraction of the particles (-) that finally have less than half as many neighbours as in the full
+    """Fraction of the particles (-) that at the end have fewer than half as many neighbours as in the full
     lattice."""
     p = solution.state.particles
     x = np.asarray(p.x, float)

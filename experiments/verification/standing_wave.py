@@ -68,7 +68,7 @@ def main(dx: float = 0.02, amplitude: float = 0.03, t1: float = 5.0, both: bool 
         off = abs((rate - scheme) / DECAY - 1.0)
         report.row("decay of the amplitude without viscosity", scheme, "1/s", theory=0.0)
         report.row(f"decay with nu = {NU:g} m²/s", rate, "1/s", theory=DECAY)
-        # bar of 10 %: the viscous sum is up to 9 % off on a lattice (model.viscosity.PhysicalViscosity)
+        # limit of 10 %: the viscous sum is up to 9 % off on a lattice (model.viscosity.PhysicalViscosity)
         report.row("its difference", rate - scheme, "1/s", theory=DECAY, bar="within 10 %", passes=off < 0.1)
         report.picture(_picture(damped, runs[-1]))
         if both:

@@ -31,7 +31,7 @@ def exact(x: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def built(n: int, c0: float = 10.0, viscosity=LaplacianViscosity, strength: float | None = 12.0):
-    """Model and state of n by n particles; without `strength` there is no shifting."""
+    """Model and state of n by n particles; `strength` (-) of the shifting, None for no shifting."""
     box = js.Box((0.0, 0.0), (1.0, 1.0), sides=("periodic", "periodic"))
     scheme = DeltaSPH.of(
         1.0 / n,

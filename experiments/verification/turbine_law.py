@@ -1,8 +1,8 @@
 """Readings of pressure and flow against the law of the power take-off, for every law.
 
 The OWC runs in a tank of 1.2 m over three wave periods, with quadratic turbines from soft to nearly closed
-and with the other laws. Each law is fitted to its readings by least squares. Optionally the unmodified
-built-in OWC runs too, and its efficiency, pressure and flow are reported as well.
+and with the other laws. Each law is fitted to its readings by least squares. Optionally the built-in
+OWC also runs in its own tank with the quadratic turbines, and its efficiency, pressure and flow are reported.
 """
 
 from __future__ import annotations

@@ -45,7 +45,7 @@ def main(dx: float = 0.01, t1: float = 60.0, weakly_compressible: bool = False) 
             report.row(name, here, unit, theory=theory, bar="within 2 %", passes=off < 0.02)
         report.row("level under the pressure", down, "m", bar="below zero", passes=down < 0)
         report.row("damping", found.decay_rate / found.omega, "of critical")
-        # `energy_pto` is the energy that the air takes from the water; here it gives energy to the water
+        # `energy_pto` is the energy that the air takes from the water; here the air gives energy to the water
         missing = results["energy_residual"] / results["energy_pto"]
         for check, share, bar in (
             ("energy not accounted for / work of the air", missing, 0.05),

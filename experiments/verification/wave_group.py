@@ -18,10 +18,10 @@ H = (0.06, 0.06)
 T = (1.2, 1.8)
 D = 0.5
 LENGTH = 24.0
-"""Length of the tank, m: free long waves reach its end after 11 s, and the last gauge again 8 s later."""
+"""Length of the tank, m: free long waves reach its end after 11 s, and the last gauge again 7 s later."""
 GAUGES = tuple(float(x) for x in np.arange(2.0, 8.01, 0.3))
 GROUP = 1.0 / (1.0 / T[0] - 1.0 / T[1])
-"""Period of the group, s. The front of the shorter wave reaches the last gauge after 7.9 s."""
+"""Period of the group, s. The front of the shorter wave reaches the last gauge after 7.3 s."""
 
 
 def main(dx: float = 0.03) -> None:
