@@ -77,7 +77,7 @@ def table(
     names: Annotated[list[str] | None, typer.Argument(help="Beginnings of names; default: all.")] = None,
     own: Annotated[bool, typer.Option("--own", help="Rows of your own runs, in runs/results.")] = False,
 ) -> None:
-    """Prints the rows of the named experiments, and how many of them are outside their limits."""
+    """Prints the rows of the named experiments, and the number of rows that are outside their limits."""
     missed = total = 0
     for found in results(names, OWN if own else COMMITTED):
         print(f"\n{_heading(found)}\n  {found['command']}  ({found['seconds']:.0f} s; {found['machine']})")

@@ -148,7 +148,7 @@ class LinearBody:
 
 
 def hydrostatic_stiffness(outline: Points, centre: tuple[float, float]) -> Values:
-    """Stiffness matrix `[3, 3]` of buoyancy and of a weight at `centre` (m) equal to the buoyancy.
+    """Hydrostatic stiffness `[3, 3]` of a body whose weight equals its buoyancy and acts at `centre` (m).
 
     For a body that does not float freely, give its pivot as `centre`: the matrix is then that of the
     buoyancy alone.

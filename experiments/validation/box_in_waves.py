@@ -40,8 +40,8 @@ def whole(series: Series, T: float, periods: int) -> Series:
 
 
 def half_range(series: Series, T: float) -> float:
-    """Half the difference between highest and lowest value in a period T (s), averaged over all periods, m or
-    rad."""
+    """Half the difference between the highest and the lowest value in a period T (s), averaged over all
+    periods, m or rad."""
     t, y = series
     periods = round((t[-1] - t[0]) / T)
     back = np.minimum((t[-1] - t) / T, periods - 0.5).astype(int)

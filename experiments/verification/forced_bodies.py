@@ -48,7 +48,7 @@ heave with a longer period the force is mainly hydrostatic: at 1 s an error of 1
 hydrostatic stiffness changes its added mass by 5 %. In surge with a shorter period the force is mainly
 damping: at 0.6 s the damping of a box with sharp bilges is 7 times its added mass times the frequency."""
 AMPLITUDE = 0.015
-"""Amplitude of surge and heave, and of the points of a body that roll moves farthest, m."""
+"""Amplitude of surge and heave, and in roll the amplitude of those points that move farthest, m."""
 CLEAR = 0.75
 """Distance from the body to zone and sponge, m. Over this distance the slowest-decaying evanescent mode falls
 to 5 %."""

@@ -66,8 +66,8 @@ class BodiesCoupling(NamedTuple):
     """Linear maps between the accelerations of all bodies and the water's pressure around them.
 
     The unknowns are the accelerations of the n coordinates of the bodies (`Mechanism`) due to forces. The
-    pressure of the dummies depends instantaneously on these accelerations. This part of the added mass is
-    included in the mass matrix here; the remainder acts through the water's pressure.
+    pressure of the dummies depends instantaneously on these accelerations. The added mass due to this
+    dependence is included in the mass matrix here; the remainder acts through the water's pressure.
     """
 
     holds: dict[str, BodyHold]
@@ -203,7 +203,8 @@ class BodyWork(NamedTuple):
     """Bodies after the forces of a step changed their velocities, and the energies that they exchanged."""
 
     motions: dict[str, Any]
-    """Motions of the bodies, with the water's impulse added, and states of the links, by name."""
+    """Motions of the bodies, with the impulse of water (contact included) and air in this step added, and
+    states of the links, by name."""
     amounts: dict[str, Scalar]
     """Energies absorbed by links and given by drives, by ledger name, J (J/m in 2-D)."""
     by_pressure: Scalar

@@ -106,7 +106,11 @@ def _grid(distance: Distance, low: np.ndarray, high: np.ndarray) -> tuple[list[n
 
 
 def _inside(away: np.ndarray, side: float) -> np.ndarray:
-    """Share of each cube inside a surface (-), from the distance of its middle (m) and its side (m)."""
+    """Fraction of each cube's volume inside a surface (-).
+
+    **Arguments**: distances `away` of the cubes' centres from the surface, negative inside, m; edge length
+    `side` of a cube, m.
+    """
     return np.clip(0.5 - away / side, 0.0, 1.0)
 
 

@@ -32,7 +32,7 @@ class AbstractWaveField(eqx.Module):
 
     @abc.abstractmethod
     def elevation(self, x: ArrayLike, y: ArrayLike, t: ArrayLike) -> Float[Array, "..."]:
-        """Target elevation (m) at x, y (m) and t (s), which broadcast, without the ramp."""
+        """Target elevation without the ramp (m) at x, y (m) and t (s); the arguments are broadcast."""
 
     @abc.abstractmethod
     def mean_displacement(self, y: Float[Array, " Y"], t: Scalar) -> Float[Array, " Y"]:
