@@ -240,7 +240,7 @@ def test_a_curve_of_one_direction_is_mirrored():
             r"the point \(q = 0.1, P_a = 500 Pa\) is followed by",
         ),
         ({"pto.curve": [[0.1, 500.0], [0.2, 900.0]]}, r"must contain the point \(0, 0\)"),
-        ({"pto": {"P_a": 10.0, "relief": 20.0}}, "relief and pto.suction belong to a turbine"),
+        ({"pto": {"P_a": 10.0, "relief": 20.0}}, "has no relief valve; remove relief"),
         ({"pto": {"K_dm": 1.0, "resistance": 2.0}}, "exactly one of"),
         (
             {"air.volume": 0.005},

@@ -249,7 +249,7 @@ def test_fit_recovers_a_damped_oscillation(offset, decay_rate, omega, phase):
 
 def test_fit_errors():
     t = np.linspace(0.0, 6.0, 300)
-    with pytest.raises(ValueError, match="not constant"):
+    with pytest.raises(ValueError, match="the series is constant"):
         analysis.fit_damped_oscillation(t, np.full(300, 0.3))
     with pytest.raises(ValueError, match="less than half"):
         analysis.fit_damped_oscillation(t, np.random.default_rng(2).standard_normal(300))
@@ -283,7 +283,9 @@ def test_decay_per_wavelength_beside_a_reflected_wave(decay, reflection, phase, 
 
 def test_decay_per_wavelength_refuses_what_has_none():
     x = np.linspace(0.0, 6.0, 7)
-    with pytest.raises(ValueError, match="all amplitudes are zero"):
+    with pytest.raises(
+        ValueError, match="the largest amplitude is 0 m: give finite amplitudes, not all zero"
+    ):
         analysis.decay_per_wavelength(x, 0.0 * x, 1.0)
     with pytest.raises(ValueError, match="four positions"):
         analysis.decay_per_wavelength([1.0], [1.0], 1.0)

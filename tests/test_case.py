@@ -56,7 +56,7 @@ INCOMPRESSIBLE = {"scheme.kind": "incompressible"}
         ),
         (
             {"device.platform_height": 0.1, "device.platform_length": 7.8},
-            r"device.platform_length = 7.8 m: must leave water in front of the platform; use at most 7.76 m",
+            r"device.platform_length = 7.8 m: must leave at least four spacings .* use at most 7.76 m",
         ),
         ({"tank.height": 0.3}, r"tank.height = 0.3 m: must be more than tank.depth = 0.42 m"),
         ({"sponge.length": 20.0}, r"sponge.length = 20 m: must be shorter than the tank"),
@@ -64,16 +64,19 @@ INCOMPRESSIBLE = {"scheme.kind": "incompressible"}
         # probes outside
         ({"probes.gauges": [1.0, 9.0]}, r"probes.gauges\[1\] = 9 m is outside the tank \(0 to 7.84 m\)"),
         ({"probes.pressure": [[1.0, 5.0]]}, r"probes.pressure\[0\] = \[1.0, 5.0\] is not inside"),
-        ({"probes.pressure": [[1.0, 0.1, 0.1]]}, r"probes.pressure\[0\] .*2 coordinates"),
+        (
+            {"probes.pressure": [[1.0, 0.1, 0.1]]},
+            r"probes.pressure\[0\] = .*: must be a position \(x, z\), m",
+        ),
         # the PTO
-        ({"pto": {"K_dm": 1.0, "P_a": 2.0}}, "exactly one of pto.K_dm .* and pto.P_a"),
-        ({"pto": {"ramp": 0.0}}, "exactly one of pto.K_dm .* and pto.P_a"),
+        ({"pto": {"K_dm": 1.0, "P_a": 2.0}}, "exactly one of K_dm .* and P_a .*; K_dm and P_a are given"),
+        ({"pto": {"ramp": 0.0}}, "exactly one of K_dm .* and P_a .*; none of them is given"),
         ({"pto.K_dm": math.inf}, r"pto.K_dm = inf: .*finite"),
         ({"pto.K_dm": -1.0}, r"pto.K_dm = -1.0: .*greater than or equal to 0"),
         ({"device": None}, "pto is given, but there is no device"),
         # what excludes each other
         ({"start.amplitude": 0.01}, "start and waves exclude each other"),
-        ({"tank.width": 0.5}, "tank.width: a device needs a two-dimensional tank"),
+        ({"tank.width": 0.5}, "tank.width = 0.5 m: a device needs a two-dimensional tank"),
         (
             {"scheme.kernel": "cubic"},
             r"scheme.kernel = 'cubic': .*'gaussian', 'wendland', 'semicircle' or 'polynomial'",
@@ -121,8 +124,14 @@ def test_case_files(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "notice"),
     [
-        ({"waves.H": 0.2}, r"waves.H = 0.2 m is near breaking, which begins at 0.243 m \(Miche's limit"),
-        ({"waves.H": 0.32, "waves.T": 4.0}, r"near breaking, which begins at 0.328 m \(0.78 of the depth"),
+        (
+            {"waves.H": 0.2},
+            r"waves.H = 0.2 m is near breaking, which begins at a height of 0.243 m \(Miche's limit",
+        ),
+        (
+            {"waves.H": 0.32, "waves.T": 4.0},
+            r"near breaking, which begins at a height of 0.328 m \(0.78 of the depth",
+        ),
         (
             {"fluid.c0": 1.0, "scheme.kind": "weakly_compressible"},
             r"fluid.c0 = 1 m/s is less than three times the largest speed",
@@ -184,10 +193,13 @@ SQUARE = [[0.3, 0.3], [0.7, 0.3], [0.7, 0.7], [0.3, 0.7]]
         ),
         (INCOMPRESSIBLE | {"scheme.speed": 1e6, "t1": 1e3}, r"time steps .*1e\+06 m/s: change scheme.speed"),
         # waves
-        ({"waves": {"H": 9.0, "T": 2.0}}, r"waves.H = 9 m: .* break above 0.618 m \(Miche's limit"),
+        (
+            {"waves": {"H": 9.0, "T": 2.0}},
+            r"waves.H = 9 m: .* break above a height of 0.618 m \(Miche's limit",
+        ),
         (
             {"waves": {"H": 0.9, "T": 9.0}},
-            r"waves.H = 0.9 m: .* break above 0.78 m \(0.78 of the depth of 1 m",
+            r"waves.H = 0.9 m: .* break above a height of 0.78 m \(0.78 of the depth of 1 m",
         ),
         ({"waves": {"H": 0.01, "T": 0.3}}, r"waves.T = 0.3 s: the wavelength, 0.141 m, is less than four"),
         ({"waves": {"H": 0.7, "T": 9.0}}, r"stroke of 3.1\d m, more than half of the 1 m of water"),
@@ -198,7 +210,10 @@ SQUARE = [[0.3, 0.3], [0.7, 0.3], [0.7, 0.7], [0.3, 0.7]]
             {"start": {"amplitude": 0.01, "mode": 20}},
             r"start.mode = 20: .*less than two spacings.* at most 5",
         ),
-        ({"start": {"amplitude": 1.0}}, r"start.amplitude = 1 m: .*breaks; use at most 0.218 m"),
+        (
+            {"start": {"amplitude": 1.0}},
+            r"start.amplitude = 1 m: .* breaks in a depth of 1 m; use an amplitude of at most 0.218 m",
+        ),
         # bodies
         (
             {"body": {"polygon": [*SQUARE, SQUARE[0]]}},
@@ -216,7 +231,7 @@ SQUARE = [[0.3, 0.3], [0.7, 0.3], [0.7, 0.7], [0.3, 0.7]]
             r"body.disc.radius = 0.04 m: .*half",
         ),
         ({"body": {"polygon": SQUARE, "angle": 1.6, "pivot": [1.0, 0.0]}}, r"body extends outside the tank"),
-        ({"tank.column": 0.5, "tank.layer": 1.0}, r"tank.layer = 1 m: must be below the column's depth"),
+        ({"tank.column": 0.5, "tank.layer": 1.0}, r"tank.layer = 1 m: must be less than the column's depth"),
     ],
     ids=lambda value: None if isinstance(value, str) else "+".join(value),
 )

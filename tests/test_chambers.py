@@ -134,7 +134,7 @@ def test_flow_is_what_crosses_a_level_between_leaning_walls():
         ({"chamber.column.between": ["front", "front"]}, "needs two different walls"),
         (
             {"chamber.column.between": ["front", "quay"]},
-            "no wall 'quay'; the walls are front, back, far",
+            "no wall 'quay'; choose from front, back, far",
         ),
         ({"chamber.column.between": ["front", "device"]}, "there is no wall 'device'"),
         (
@@ -156,7 +156,7 @@ def test_flow_is_what_crosses_a_level_between_leaning_walls():
         ({"chamber.column.pto": None}, "chamber.column: the air has no outlet"),
         (
             {"chamber.column.pto": {"K_dm": 300.0, "P_a": 2.0}},
-            "give exactly one of pto.K_dm",
+            "give exactly one of K_dm",
         ),
         ({"chamber.column.pto.P_a": 5e3}, r"chamber.column.pto.P_a = 5000 Pa would lower .* at most"),
         ({"chamber.column.air": {"volume": 0.2}}, r"chamber.column.air: compressible air needs a turbine"),
@@ -166,7 +166,7 @@ def test_flow_is_what_crosses_a_level_between_leaning_walls():
         ),
         (
             {"chamber.other": {"between": ["front", "back"], "pto": {"K_dm": 3.0}}},
-            "chamber.column and chamber.other: both cover the surface from",
+            "chamber.column and chamber.other both cover the surface from",
         ),
         (
             {"chamber.column": None, "chamber.front": {"between": ["front", "back"], "pto": {"K_dm": 3.0}}},
@@ -397,7 +397,7 @@ def test_a_run_may_change_a_named_turbine_and_not_a_chamber():
     for key, value in (("chamber.sea.between", ["front", "far"]), ("duct.cross.between", ["land", "sea"])):
         with pytest.raises(CaseError, match=f"{key} cannot change during a run"):
             amended_case(SHARED, {key: value})
-    with pytest.raises(CaseError, match=r"sea: pto cannot change between a turbine and a prescribed"):
+    with pytest.raises(CaseError, match=r"chamber.sea.pto cannot change between a turbine and a prescribed"):
         amended_case(SHARED, {"chamber.sea.pto.P_a": 90.0})
 
 

@@ -30,11 +30,11 @@ CASE = js.Case.from_dict(
 @pytest.mark.parametrize(
     "changes, message",
     [
-        ({"probes.run_up": ["quay"]}, "probes.run_up: there is no solid 'quay'; the solids are wall"),
+        ({"probes.run_up": ["quay"]}, "probes.run_up: there is no solid 'quay'; choose from wall"),
         ({"probes.overtopping": ["device"]}, "there is no solid 'device'"),
         (
             {"solid.wall.polygon": [[1.8, 0.0], [2.4, 0.3], [3.0, 0.0]]},
-            "the crest of wall, at 0.3 m, is below still water, at 0.4 m",
+            "the crest of wall, at z = 0.3 m, must be above still water, at z = 0.4 m",
         ),
     ],
 )

@@ -178,7 +178,7 @@ def test_amplitude_is_a_tenth_of_the_draught_or_half_a_spacing():
             "tank.width",
         ),
         ({}, {"motions": ["sway"]}, "must be one of surge, heave, pitch"),
-        ({}, {"motions": {"buoy": ["heave"]}}, "there is no such body; the bodies are body"),
+        ({}, {"motions": {"buoy": ["heave"]}}, "there is no such body; choose from body"),
         ({}, {"motions": []}, "no motion is requested"),
         ({}, {"periods": [0.3]}, "less than 20 spacings"),
         ({}, {"periods": [4.0]}, "more than twice sponge.length"),

@@ -155,7 +155,7 @@ def test_bad_sweeps_are_refused_before_anything_runs(tmp_path, quick):
     out = tmp_path / "s.h5"
     with pytest.raises(CaseError, match=r"dx = -1.0: .*greater than"):
         js.sweep(CASE, {"dx": [0.25, -1.0]}, out, progress=False)
-    with pytest.raises(CaseError, match="equal lengths"):
+    with pytest.raises(CaseError, match="lists of equal length"):
         js.sweep(CASE, {"g": [1.0], "dx": [0.25, 0.125]}, out, grid=False, progress=False)
     with pytest.raises(CaseError, match="at least one parameter"):
         js.sweep(CASE, {}, out, progress=False)
@@ -165,9 +165,9 @@ def test_bad_sweeps_are_refused_before_anything_runs(tmp_path, quick):
         js.sweep(coarse, {"device.draught": [0.15, 0.2, 0.16]}, out, progress=False)
     assert not ran
     js.sweep(CASE, {"g": [1.0]}, out, progress=False)
-    with pytest.raises(FileError, match="another case or of other values"):
+    with pytest.raises(FileError, match="contains the runs of another study"):
         js.sweep(CASE, {"g": [2.0]}, out, progress=False)
-    with pytest.raises(KeyError, match="no result 'xi'; the results are t_end, value"):
+    with pytest.raises(KeyError, match="no result 'xi'; use one of t_end, value"):
         js.read_sweep(out)["xi"]
 
 

@@ -352,7 +352,10 @@ def test_every_efficiency_is_relative_to_one_incident_power():
         ({"waves": None}, "waves"),
         ({"pto": None}, "pto.K_dm"),
         ({"pto.P_a": 100.0}, "pto.K_dm"),
-        ({"device.platform_height": 0.1, "device.platform_length": 0.5}, "platform_height = 0.1 m"),
+        (
+            {"device.platform_height": 0.1, "device.platform_length": 0.5},
+            "platform_height = 0.1 m makes the bed uneven",
+        ),
     ],
 )
 def test_incomplete_cases(changes, field):

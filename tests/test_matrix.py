@@ -128,14 +128,14 @@ def test_a_year_is_the_weighted_mean_with_its_error(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("Hs,Tp,share\n0.02,1.2,0.5\n", "the sum of the shares is 0.5: must be 1"),
+        ("Hs,Tp,share\n0.02,1.2,0.5\n", "the shares must add up to 1, but add up to 0.5"),
         ("Hs,Tp,hours\n0.02,1.2,-5\n", "values of hours must not be negative"),
         ("Hs,Tp\n0.02,1.2\n", "must name the columns Hs"),
         ("Hs (ft),Tp,share\n0.02,1.2,1\n", "line 1 .*: Hs must be in m"),
         ("Hs;Tp;share\n0.02;1.2;1\n", r"must name the columns Hs \(m\), Tp \(s\), share .* by commas"),
         ("Hs\\Tp,1.2,1.4\n0.02,1,2\n", "must name the columns"),
-        ("Hs,Tp,share\n0.06,1.2,1\n", "Hs = 0.06, but the matrix covers only 0.02 to 0.04"),
-        ("Hs,Tp,share\n0.02,1.7,1\n", "the table has Tp = 1.7, but the matrix covers only"),
+        ("Hs,Tp,share\n0.06,1.2,1\n", "Hs = 0.06 m, but the matrix covers only 0.02 to 0.04 m"),
+        ("Hs,Tp,share\n0.02,1.7,1\n", "the table has Tp = 1.7 s, but the matrix covers only"),
     ],
 )
 def test_a_table_that_does_not_fit_is_refused(tmp_path, text, words):
@@ -152,7 +152,7 @@ def test_cells_that_failed_are_not_averaged_away(tmp_path):
     matrix = matrix_of(a_sweep(powers))
     assert np.isnan(matrix.P[0, 0])
     table = js.ScatterTable(np.array([0.02]), np.array([1.2]), np.array([1.0]))
-    with pytest.raises(js.CaseError, match="whose runs failed"):
+    with pytest.raises(js.CaseError, match="no mean power for some sea states"):
         matrix.annual(table)
     beside = js.ScatterTable(np.array([0.04]), np.array([1.6]), np.array([1.0]))
     assert matrix.annual(beside).value == POWERS[1, 2].mean()
@@ -163,7 +163,7 @@ def test_cells_that_failed_are_not_averaged_away(tmp_path):
 
 def test_what_makes_no_matrix_is_refused(tmp_path):
     out = tmp_path / "m.h5"
-    with pytest.raises(js.CaseError, match='needs waves.kind = "irregular"'):
+    with pytest.raises(js.CaseError, match='give a case with waves.kind = "irregular"'):
         js.power_matrix(js.load_case("owc"), [0.04], [1.4], out)
     with pytest.raises(js.CaseError, match="seeds = 0"):
         js.power_matrix(CASE, [0.04], [1.4], out, seeds=0)

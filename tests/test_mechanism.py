@@ -119,5 +119,7 @@ def test_an_inclined_slider_moves_along_its_axis():
 
 def test_bodies_out_of_order_are_refused():
     upper, lower = double_pendulum(jnp.float32)
-    with pytest.raises(ValueError, match="lower is joined to upper, which is not among the bodies before"):
+    with pytest.raises(
+        ValueError, match="lower is joined to upper, which is not among the bodies listed before"
+    ):
         Mechanism((lower, upper)).check()

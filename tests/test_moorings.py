@@ -320,9 +320,7 @@ def test_a_rope_only_pulls():
 def test_ends_along_a_joint_have_the_unit_of_its_coordinate():
     block = js.RigidBody.of(js.Block((0.0, 0.0), (1.0, 1.0)), (0, 0), ("heave",), density=500.0, name="buoy")
     assert [js.AlongJoint.of(block, index).unit for index in range(3)] == ["m", "m", "rad"]
-    with pytest.raises(
-        ValueError, match=r"coordinate = 3: the joint of buoy has the coordinates 0 \(surge\)"
-    ):
+    with pytest.raises(ValueError, match=r"coordinate = 3 of the joint of buoy: must be one of 0 \(surge\)"):
         js.AlongJoint.of(block, 3)
 
 

@@ -31,9 +31,9 @@ def moored(mooring, **sections):
 @pytest.mark.parametrize(
     ("mooring", "message"),
     [
-        (CHAIN | {"body": "buoy"}, "mooring.a.body: there is no body 'buoy'; the bodies are body"),
+        (CHAIN | {"body": "buoy"}, "mooring.a.body: there is no body 'buoy'; choose from body"),
         (CHAIN | {"mass": 0.2}, "give either weight, or mass and diameter"),
-        (CHAIN | {"segments": 10}, 'segments: for kind = "line" only'),
+        (CHAIN | {"segments": 10}, 'only kind = "line" has segments'),
         (CHAIN | {"kind": "line"}, 'kind = "line" needs mass, diameter and drag'),
         (CHAIN | {"anchor": [-0.4, 0.0]}, r"mooring.a.anchor: \(-0.4, 0\) m is outside the tank"),
         (CHAIN | {"at": [1.8, 3.0]}, "mooring.a.at: .* is outside the tank"),

@@ -64,5 +64,5 @@ def test_every_sea_has_a_file_of_its_own():
 def test_what_has_no_meaning_over_a_year_is_refused(case):
     with pytest.raises(CaseError, match="'xi': over a scatter table it must be 'P_owc'"):
         js.OverSeas(TABLE).derivative(case, "pto.K_dm", "xi", False)
-    with pytest.raises(CaseError, match='needs waves.kind = "irregular"'):
+    with pytest.raises(CaseError, match='give a case with waves.kind = "irregular"'):
         js.OverSeas(TABLE).derivative(coarse("owc"), "pto.K_dm", "P_owc", False)

@@ -165,17 +165,17 @@ def test_hull_above_the_water_feels_nothing():
     ("make", "words"),
     [
         (lambda: Section(0.0, (BARGE,)), "depth = 0.0 m must be positive"),
-        (lambda: Section(1.0), "needs a hull or a chamber"),
-        (lambda: Section(1.0, (BARGE, BARGE)), "different names"),
+        (lambda: Section(1.0), "at least one hull or chamber"),
+        (lambda: Section(1.0, (BARGE, BARGE)), "must all differ"),
         (lambda: Section(1.0, (BARGE,), chambers=(Chamber("a", 1.0, 2.0, "raft"),)), "no hull 'raft'"),
         (lambda: Section(1.0, (BARGE,), 1.0, (Chamber("a", 0.5, 2.0),)), "behind the end wall"),
         (lambda: Section(1.0, (), None, (Chamber("a", 0, 1), Chamber("b", 0.5, 2))), "overlap"),
-        (lambda: Chamber("a", 1.0, 1.0), "first = 1.0 must be below"),
-        (lambda: Hull("a", ((0, 0), (1, 1), (1, 0), (0, 1))), "sides do not cross"),
+        (lambda: Chamber("a", 1.0, 1.0), "first = 1.0 m must be less"),
+        (lambda: Hull("a", ((0, 0), (1, 1), (1, 0), (0, 1))), "no crossing sides"),
         (lambda: hydrodynamics(Section(1.0, (BARGE,)), 0.0), "must be positive"),
         (
             lambda: hydrodynamics(Section(1.0, (BARGE,), None, (Chamber("a", 0.1, 0.6),)), 1.0),
-            "inside a hull",
+            "out of the hull",
         ),
     ],
 )

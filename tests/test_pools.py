@@ -109,7 +109,7 @@ def test_a_body_carries_a_chamber():
         (spar(revolution={"profile": PIPE["revolution"]["profile"]}), "is open at the top"),
         (
             spar() | {"chamber": {"main": {"body": "hull", "at": [0.8, 0.5], "pto": {"resistance": 1.0}}}},
-            "there is no such body; the bodies are spar",
+            "there is no such body; choose from spar",
         ),
     ],
 )

@@ -107,5 +107,5 @@ def test_no_part_has_the_name_of_a_field_of_the_particles(name, moored):
     assert drawn["name"] == "" and np.max(drawn["corners"], axis=0) == pytest.approx([3.2, 0.2])
     link, *others = moored.model.links
     links = (dataclasses.replace(link, name=name), *others)
-    with pytest.raises(ValueError, match="like fields of the particles"):
+    with pytest.raises(ValueError, match="a snapshot needs id, p, step"):
         check_parts(dataclasses.replace(moored.model, links=links))

@@ -231,11 +231,11 @@ def test_a_run_with_a_zone_books_what_the_zone_and_its_wall_give():
         ({"kind": "irregular", "Tp": 3.0}, r'spectrum = "jonswap" needs waves.Hs'),
         (
             {"kind": "irregular", "Hs": 0.5, "Tp": 3.0},
-            r"waves.Hs = 0.5 m: waves of Tp = 3 s .* break above 0.39",
+            r"waves.Hs = 0.5 m: waves with a period of 3 s .* break above a height of 0.39",
         ),
         (
             {"kind": "irregular", "Hs": 0.1, "Tp": 3.0, "duration": 9.0},
-            r"duration = 9 s: must be 16 to 500 peak",
+            r"duration = 9 s must be 16 to 500 peak",
         ),
         (
             {"kind": "irregular", "Hs": 0.1, "Tp": 3.0, "spectrum": "bretschneider", "gamma": 2.0},
@@ -250,10 +250,10 @@ def test_a_run_with_a_zone_books_what_the_zone_and_its_wall_give():
         ({"kind": "recorded", "t": list(np.arange(40.0)), "eta": [0.0] * 40}, "does not vary"),
         (
             {"kind": "recorded", "t": [*range(39), 45], "eta": [0.1, 0.0] * 20},
-            r"gap or a jump: 7 s from t = 38 s",
+            r"gap or a jump of 7 s from t = 38 s",
         ),
-        ({"kind": "recorded", "t": [*range(40)], "eta": [0.1] * 39}, "40 times and 39 values"),
-        ({"kind": "recorded", "t": [*range(40)]}, "give one of waves.eta"),
+        ({"kind": "recorded", "t": [*range(40)], "eta": [0.1] * 39}, "t has 40 times, but eta has 39 values"),
+        ({"kind": "recorded", "t": [*range(40)]}, "give exactly one of waves.eta"),
         ({"kind": "wild"}, r'waves.kind = \'wild\': must be "regular" or "bichromatic"'),
     ],
 )

@@ -43,7 +43,10 @@ TANK = js.Case.from_dict(
             {"solid.step.block": {"low": [1.0, 0.0], "high": [1.2, 0.2]}},
             "solid.bed and solid.step have .* m2",
         ),
-        ({"solid.step.block": {"low": [0.2, 0.0], "high": [0.4, 0.0]}}, "must be below"),
+        (
+            {"solid.step.block": {"low": [0.2, 0.0], "high": [0.4, 0.0]}},
+            "every coordinate of low must be less than that of high",
+        ),
         (
             {"solid.step.block": {"low": [-0.2, 0.0], "high": [0.4, 0.2]}},
             "solid.step extends outside the tank",
@@ -69,7 +72,7 @@ TANK = js.Case.from_dict(
         ),
         (
             {"waves": {"H": 0.05, "T": 1.0, "zone": 1.0}},
-            "solid.bed begins at 0.8 m, but the relaxation zone",
+            "solid.bed begins at x = 0.8 m, but the relaxation zone",
         ),
         (
             {

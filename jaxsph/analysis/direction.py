@@ -57,7 +57,9 @@ def wave_direction(
     middle = _central(x, float(theory.wavenumber(2.0 * np.pi / T, d, g)))
     B = fundamental(t, eta, T)
     if not np.all(np.abs(B) > 0.0):
-        raise ValueError(f"a gauge has no waves of the period T = {T:g} s")
+        raise ValueError(
+            f"T = {T:g} s: at least one gauge has no wave of this period; use the period of the waves"
+        )
     (k,) = _wavenumbers(x, B[:, None], middle)
     height = 2.0 * float(np.mean(np.abs(B)))
     return WaveDirection(float(np.arctan2(k[1], k[0])), height, float(np.hypot(*k)))
@@ -88,7 +90,8 @@ def sea_direction(
     use = (every > f[0]) & (every < f[1])
     if np.sum(use) < 8:
         raise ValueError(
-            f"only {np.sum(use)} frequencies are between {f[0]:g} and {f[1]:g} Hz: the record is too short"
+            f"only {np.sum(use)} frequencies of the record are between {f[0]:g} and {f[1]:g} Hz, but 8 are "
+            "needed: use a longer record"
         )
     fade = scipy.signal.windows.tukey(t.size, TAPER)
     B = np.fft.rfft((eta - eta.mean(axis=1, keepdims=True)) * fade, axis=1)[:, use]
@@ -106,15 +109,16 @@ def _checked(eta: ArrayLike, x: ArrayLike, t: ArrayLike) -> tuple[Series, Series
     x = np.asarray(x, np.float64)
     if eta.ndim != 2 or x.shape != (len(eta), 2):
         raise ValueError(
-            f"eta of shape {eta.shape} must be [gauges, times], and x of shape {x.shape} [gauges, 2]"
+            f"eta has the shape {eta.shape} and x the shape {x.shape}: give eta as [gauges, times] and x as "
+            "[gauges, 2]"
         )
     if len(x) < 3:
         raise ValueError(f"to find the direction of the waves, use at least three gauges, not {len(x)}")
     condition = np.linalg.cond(x - np.mean(x, axis=0))
     if not condition < _MAX_CONDITION:
         raise ValueError(
-            f"gauges at {x.tolist()} m are nearly on one line (condition {condition:.3g}): "
-            "move one gauge to the side"
+            f"gauges at {x.tolist()} m are nearly on one line (condition number {condition:.3g}): "
+            "move one gauge away from this line"
         )
     return t, eta, x
 
@@ -126,9 +130,8 @@ def _central(x: NDArray[np.float64], k: float) -> int:
     middle = int(np.argmin(farthest))
     if not k * farthest[middle] < np.pi:
         raise ValueError(
-            f"gauges at {x.tolist()} m: the farthest is {farthest[middle]:.4g} m from the most central one, "
-            f"but must be less than half a wavelength, {np.pi / k:.4g} m, away: "
-            "place the gauges closer together"
+            f"gauges at {x.tolist()} m are up to {farthest[middle]:.4g} m from the most central gauge: use "
+            f"distances of less than half of the shortest wavelength, {np.pi / k:.4g} m"
         )
     return middle
 

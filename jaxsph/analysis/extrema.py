@@ -41,7 +41,7 @@ def extrema(t: ArrayLike, y: ArrayLike, window: int = 1, prominence: float = 0.1
     if not found:
         raise ValueError(
             f"the series has no extremum: no crest or trough stands out by prominence = {prominence:g} of "
-            "the range of the series"
+            "the range of the series; use a smaller prominence or a longer series"
         )
     index, sign = np.array(sorted(found)).T
     h0, h1 = t[index] - t[index - 1], t[index + 1] - t[index]
@@ -84,10 +84,14 @@ def matched_extrema(
         elif start <= t_r <= end:
             kind = "crest" if sign > 0 else "trough"
             raise ValueError(
-                f"the series has no {kind} within T/2 of the reference {kind} at t = {t_r:.6g} s"
+                f"the series has no {kind} within T/2 = {0.5 * T:.4g} s of the reference {kind} at "
+                f"t = {t_r:.6g} s; use a smaller prominence, or compare another interval"
             )
     if not times:
-        raise ValueError("no extremum of the series is within T/2 of an extremum of the reference")
+        raise ValueError(
+            f"no extremum of the series is within T/2 = {0.5 * T:.4g} s of an extremum of the reference; "
+            "give series that cover the same times"
+        )
     return np.array(times), np.array(values)
 
 

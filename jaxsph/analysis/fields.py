@@ -44,7 +44,7 @@ def linear_fit(particles: KDTree, f: Real, at: Real) -> LinearFit:
     axes, x = particles.m, particles.data
     near = min(NEIGHBOURS[axes], particles.n)
     if near < axes + 2:
-        raise ValueError(f"a field needs at least {axes + 2} particles, not {particles.n}")
+        raise ValueError(f"{particles.n} particles are too few for a linear fit: give at least {axes + 2}")
     distance, index = particles.query(at, near)
     radius = np.maximum(distance[:, -1:], 1e-12)
     weight = (1.0 - (distance / radius) ** 2).clip(0.0) + 1e-3

@@ -38,7 +38,9 @@ def oscillation_period(t: ArrayLike, y: ArrayLike) -> float:
     y = y - np.mean(y)
     i = np.flatnonzero((y[:-1] < 0.0) & (y[1:] >= 0.0))
     if i.size < 2:
-        raise ValueError(f"a period needs at least two upward crossings of the mean, not {i.size}")
+        raise ValueError(
+            f"a period needs at least two upward crossings of the mean, not {i.size}: use a longer record"
+        )
     crossings = t[i] - y[i] * (t[i + 1] - t[i]) / (y[i + 1] - y[i])
     return float((crossings[-1] - crossings[0]) / (i.size - 1))
 
@@ -59,8 +61,10 @@ def fit_damped_oscillation(t: ArrayLike, y: ArrayLike) -> DampedOscillation:
     """
     t, y = checked(t, y)
     variance = np.var(y)
-    if t.size < 8 or variance <= (1e-12 * np.max(np.abs(y))) ** 2:
-        raise ValueError("a damped oscillation needs at least 8 samples that are not constant")
+    if t.size < 8:
+        raise ValueError(f"a damped oscillation needs at least 8 samples, not {t.size}: use a longer record")
+    if variance <= (1e-12 * np.max(np.abs(y))) ** 2:
+        raise ValueError("the series is constant: give the record of an oscillation")
     s, duration = t - t[0], t[-1] - t[0]
 
     def solve(
@@ -81,7 +85,10 @@ def fit_damped_oscillation(t: ArrayLike, y: ArrayLike) -> DampedOscillation:
     decay_rate, omega = result.x * scale
     (offset, c, sn), residual = solve((decay_rate, omega), s, y)
     if np.mean(residual**2) > 0.5 * variance:
-        raise ValueError("a damped cosine describes less than half of the series' variance")
+        raise ValueError(
+            "a damped cosine describes less than half of the series' variance: give only the part of the "
+            "record with the decaying oscillation"
+        )
     phase = np.arctan2(-np.sign(omega) * sn, c)
     return DampedOscillation(
         float(offset), float(np.hypot(c, sn)), float(decay_rate), float(abs(omega)), float(phase)
@@ -100,10 +107,13 @@ def decay_per_wavelength(x: ArrayLike, amplitude: ArrayLike, wavelength: float) 
     """
     x, found = np.asarray(x, np.float64), np.asarray(amplitude, np.complex128)
     if x.ndim != 1 or x.size < 4 or x.shape != found.shape or np.ptp(x) < 0.5 * wavelength:
-        raise ValueError("a decay needs amplitudes at four positions or more that span half a wavelength")
+        raise ValueError(
+            f"x has the shape {x.shape} and amplitude the shape {found.shape}: give one amplitude at each of "
+            f"four or more positions that span at least half a wavelength, {0.5 * wavelength:.3g} m"
+        )
     size = float(np.max(np.abs(found)))
     if not size > 0.0:
-        raise ValueError("a decay needs waves, but all amplitudes are zero")
+        raise ValueError(f"the largest amplitude is {size:g} m: give finite amplitudes, not all zero")
     k, along = 2.0 * np.pi / wavelength, x - x[0]
 
     def rest(parameters):

@@ -31,11 +31,14 @@ def checked(t: ArrayLike, y: ArrayLike) -> tuple[Series, Series]:
     """
     t, y = np.asarray(t, np.float64), np.asarray(y, np.float64)
     if t.ndim != 1 or t.size < 2 or y.shape[-1:] != t.shape:
-        raise ValueError(f"series of shape {y.shape} does not match times of shape {t.shape}")
+        raise ValueError(
+            f"a series of shape {y.shape} does not match times of shape {t.shape}: give at least two times, "
+            "and one value for each along the last axis"
+        )
     if not np.all(np.diff(t) > 0.0):
-        raise ValueError("times are not strictly increasing")
+        raise ValueError("times are not strictly increasing: give every time once, in ascending order")
     if not np.all(np.isfinite(y)):
-        raise ValueError("the series has values that are not finite")
+        raise ValueError("the series has values that are not finite: leave out these samples")
     return t, y
 
 
@@ -47,13 +50,16 @@ def whole_periods(t: ArrayLike, T: float, periods: int) -> NDArray[np.bool_]:
     """
     t = np.asarray(t, np.float64)
     if periods < 1 or T <= 0.0:
-        raise ValueError(f"periods = {periods} and T = {T} must be positive")
+        raise ValueError(f"periods = {periods} must be 1 or more, and T = {T} s must be positive")
     if t.size < 2:
-        raise ValueError(f"a record of {t.size} samples is too short for a period")
+        raise ValueError(f"a record of {t.size} samples is too short: give at least two samples")
     start = t[-1] - periods * T
     slack = 0.01 * (t[-1] - t[0]) / (t.size - 1)
     if start < t[0] - slack:
-        raise ValueError(f"the record of {t[-1] - t[0]:.6g} s is shorter than {periods} periods of {T:.6g} s")
+        raise ValueError(
+            f"the record of {t[-1] - t[0]:.6g} s is shorter than {periods} "
+            f"period{'s' if periods > 1 else ''} of {T:.6g} s: use a longer record or fewer periods"
+        )
     return t >= start - slack
 
 
@@ -68,7 +74,9 @@ def phase_average(t: ArrayLike, y: ArrayLike, T: float, n_bins: int = 40) -> tup
     index = np.round(t / T * n_bins).astype(int) % n_bins
     count = np.bincount(index, minlength=n_bins)
     if np.any(count == 0):
-        raise ValueError(f"{np.sum(count == 0)} of {n_bins} phase bins are empty: use fewer bins")
+        raise ValueError(
+            f"{np.sum(count == 0)} of the n_bins = {n_bins} phase bins are empty: use fewer bins"
+        )
     mean = np.bincount(index, y, n_bins) / count
     deviation = np.sqrt(np.bincount(index, (y - mean[index]) ** 2, n_bins) / count)
     return np.arange(n_bins) / n_bins, mean, deviation
@@ -95,7 +103,7 @@ def efficiency(t: ArrayLike, power: ArrayLike, T: float, P_inc: float, periods: 
     if the record is too short.
     """
     if not P_inc > 0.0:
-        raise ValueError(f"incident power P_inc = {P_inc} must be positive")
+        raise ValueError(f"the incident power P_inc = {P_inc} must be positive")
     found = per_period(t, power, T, periods) / P_inc
     return Efficiency(float(np.mean(found)), found)
 

@@ -88,25 +88,31 @@ def reflection(
     t, eta = checked(t, eta)
     x = np.asarray(x, np.float64)
     if eta.ndim != 2 or x.shape != eta.shape[:1]:
-        raise ValueError(f"eta of shape {eta.shape} must be [gauges, times] and match x of shape {x.shape}")
+        raise ValueError(
+            f"eta has the shape {eta.shape} and x the shape {x.shape}: give eta as [gauges, times] and one "
+            "position for each gauge"
+        )
     if x.size < 2:
         raise ValueError(f"to separate incident and reflected waves, use at least two gauges, not {x.size}")
     periods = periods or int((t[-1] - t[0]) / T * (1.0 + 1e-6))
     mask = whole_periods(t, T, max(periods, 1))
     if np.sum(mask) < _MIN_SAMPLES_PER_PERIOD * max(periods, 1):
-        raise ValueError(f"the record has fewer than {_MIN_SAMPLES_PER_PERIOD} samples per period")
+        raise ValueError(
+            f"the record has fewer than {_MIN_SAMPLES_PER_PERIOD} samples per period of {T:g} s: use a "
+            "shorter sampling interval"
+        )
     k = float(theory.wavenumber(2.0 * np.pi / T, d, g))
     B = fundamental(t[mask], eta[:, mask], T)
     (incident,), (reflected,), (condition,) = separated(np.array([k]), x, B[None])
     if not condition < _MAX_CONDITION:
         raise ValueError(
             f"gauges at {x.tolist()} m cannot separate incident and reflected waves "
-            f"(condition {condition:.3g}) at a wavelength of {2.0 * np.pi / k:.4g} m: "
+            f"(condition number {condition:.3g}) at a wavelength of {2.0 * np.pi / k:.4g} m: "
             "avoid distances near multiples of half a wavelength"
         )
     incident, reflected = abs(incident), abs(reflected)
     if incident == 0.0:
-        raise ValueError(f"there is no incident wave of the period T = {T:g} s")
+        raise ValueError(f"there is no incident wave of the period T = {T:g} s: use the period of the waves")
     return Reflection(float(incident), float(reflected), float(reflected / incident))
 
 
@@ -163,8 +169,8 @@ def two_way_sea(
     x = np.asarray(x, np.float64)
     if eta.ndim != 2 or x.shape != eta.shape[:1] or x.size < 3:
         raise ValueError(
-            f"eta of shape {eta.shape} must be [gauges, times] and match x of shape {x.shape}, with at least "
-            "three gauges"
+            f"eta has the shape {eta.shape} and x the shape {x.shape}: give eta as [gauges, times] and one "
+            "position for each gauge, for at least three gauges"
         )
     step = even_step(t)
     fade = scipy.signal.windows.tukey(t.size, TAPER)
@@ -174,7 +180,8 @@ def two_way_sea(
     use = np.flatnonzero((every > f[0]) & (every < f[1]))
     if use.size < 4 * bands:
         raise ValueError(
-            f"only {use.size} frequencies are between {f[0]:g} and {f[1]:g} Hz: the record is too short"
+            f"only {use.size} frequencies of the record are between {f[0]:g} and {f[1]:g} Hz, but "
+            f"{4 * bands} are needed: use a longer record"
         )
     k = np.asarray(theory.wavenumber(2.0 * np.pi * every[use], d, g), np.float64)
     incident, reflected, condition = separated(k, x, B[:, use].T)

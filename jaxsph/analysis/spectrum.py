@@ -149,7 +149,9 @@ def zero_crossing_waves(t: ArrayLike, eta: ArrayLike) -> ZeroCrossingWaves:
     y = eta - np.mean(eta)
     up = np.flatnonzero((y[:-1] < 0.0) & (y[1:] >= 0.0))
     if len(up) < 2:
-        raise ValueError(f"the record has no whole wave, only {len(up)} upward crossings of the mean")
+        raise ValueError(
+            f"a whole wave needs two upward crossings of the mean, not {len(up)}: use a longer record"
+        )
     when = t[up] - y[up] * (t[up + 1] - t[up]) / (y[up + 1] - y[up])
     H = [np.ptp(y[a + 1 : b + 1]) for a, b in itertools.pairwise(up)]
     return ZeroCrossingWaves(np.array(H), np.diff(when))

@@ -96,7 +96,8 @@ def _check_sponge(case: Sections, geometry: Geometry) -> None:
         if case.waves is not None and getattr(sponge, key) is not None:
             raise CaseError(
                 f"sponge.{key} = {getattr(sponge, key):g} m would damp the waves of the case: give "
-                f"waves.{instead}, a relaxation zone, which also absorbs waves, or remove waves"
+                f"waves.{instead}, a relaxation zone that also absorbs waves, instead of sponge.{key}, or "
+                "remove waves"
             )
     if sponge.sides is not None:
         given, width = f"sponge.sides = {sponge.sides:g} m", geometry.width
@@ -124,10 +125,13 @@ def _check_clear(zone: Zone, covered: Mapping[str, np.ndarray], geometry: Geomet
             continue
         low, high = (float(end[zone.axis]) for end in bounds)
         if first < high - 1e-9 and last > low + 1e-9:
+            gone = "[sponge]" if zone.key == "sponge.length" else zone.key  # a sponge needs its length
+            beside = high >= last - 1e-9 if zone.far else low <= first + 1e-9  # no zone is thin enough
+            smaller = "" if beside else f"use a smaller {zone.key}, or "
             raise CaseError(
                 f"{zone.key} = {zone.thickness:g} m: the zone from {coordinate} = {first:.4g} to {last:.4g} "
-                f"m covers {what}, from {low:.4g} to {high:.4g} m, and would absorb energy there: use a "
-                f"narrower zone, or remove {zone.key}"
+                f"m covers {what}, from {low:.4g} to {high:.4g} m, and would absorb energy there; "
+                f"{smaller}remove {gone}"
             )
 
 

@@ -80,15 +80,26 @@ class PTOSection(Section):
         given = [key for key in LAWS if getattr(self, key) is not None]
         if len(given) != 1:
             raise ValueError(
-                "give exactly one of pto.K_dm (a quadratic damping), pto.resistance (a linear turbine), "
-                "pto.area (an orifice), pto.curve (a characteristic), and pto.P_a (a prescribed pressure)"
+                "give exactly one of K_dm (a quadratic damping), resistance (a linear turbine), area (an "
+                "orifice), curve (a characteristic curve) and P_a (a prescribed pressure); "
+                f"{' and '.join(given) + ' are' if given else 'none of them is'} given"
             )
-        if self.phase is not None and (self.K_dm is None or len(self.phase) % 2):
+        if self.phase is not None and self.K_dm is None:
             raise ValueError(
-                f"pto.phase = {list(self.phase)} needs pto.K_dm, and a cosine and a sine for every harmonic"
+                f"phase = {list(self.phase)} varies K_dm, which is not given; give K_dm instead of "
+                f"{given[0]}, or remove phase"
             )
-        if not self.is_turbine and (self.relief is not None or self.suction is not None):
-            raise ValueError("pto.relief and pto.suction belong to a turbine, not to a prescribed pressure")
+        if self.phase is not None and len(self.phase) % 2:
+            raise ValueError(
+                f"phase = {list(self.phase)} must have an even number of values; give a cosine and a sine "
+                "for every harmonic"
+            )
+        if self.P_a is not None and self.has_relief:
+            valve = " and ".join(key for key in VALVE if getattr(self, key) is not None)
+            raise ValueError(
+                f"a prescribed pressure, P_a = {self.P_a:g} Pa, has no relief valve; remove {valve}, or give "
+                "a turbine (for example K_dm) instead of P_a"
+            )
         if self.curve is not None:
             _check_curve(self.curve)
         return self
@@ -126,13 +137,14 @@ def _check_curve(curve: tuple[tuple[float, float], ...]) -> None:
     for (q, p), (after, higher) in itertools.pairwise(curve):
         if not (after > q and higher > p):
             raise ValueError(
-                f"pto.curve: the point (q = {q:g}, P_a = {p:g} Pa) is followed by (q = {after:g}, P_a = "
-                f"{higher:g} Pa); flow and pressure must both rise from each point to the next: sort the "
+                f"in curve, the point (q = {q:g}, P_a = {p:g} Pa) is followed by (q = {after:g}, P_a = "
+                f"{higher:g} Pa), but flow and pressure must both rise from each point to the next; sort the "
                 "points, and leave out the points at which the turbine stalls"
             )
     if (0.0, 0.0) not in curve:
         raise ValueError(
-            "pto.curve: must contain the point (0, 0); without this point the turbine would drive the water"
+            "curve must contain the point (0, 0), without which the turbine would drive the water; add this "
+            "point"
         )
 
 
@@ -170,15 +182,22 @@ class ChamberSection(Section):
     @model_validator(mode="after")
     def _one_place(self) -> ChamberSection:
         inside = isinstance(self.at, tuple)
-        if self.between is not None and (self.body is not None or inside):
-            raise ValueError("give exactly one of between (two walls) and body (with a hollow)")
+        if self.between is not None and self.body is not None:
+            raise ValueError("give exactly one of between (two walls) and body (a body with a hollow)")
+        if self.between is not None and isinstance(self.at, tuple):
+            raise ValueError(
+                f"at = {list(self.at)} is for a tank with a width, and between for a tank without width; "
+                "remove one of the two keys"
+            )
         if self.between is None and self.body is None and not inside:
             raise ValueError(
-                "give exactly one of between (two walls) and body (with a hollow); in three dimensions give "
-                "at = [x, y], a point in the chamber"
+                "give exactly one of between (two walls) and body (a body with a hollow), or in three "
+                "dimensions at = [x, y], a point in the chamber"
             )
         if self.at is not None and self.body is None and not inside:
-            raise ValueError("at selects a hollow of a body: give at only together with body")
+            raise ValueError(
+                f"at = {self.at:g} m selects a hollow of a body; give body instead of between, or remove at"
+            )
         return self
 
 
@@ -200,5 +219,5 @@ class DuctSection(Section):
     @model_validator(mode="after")
     def _one_law(self) -> DuctSection:
         if (self.area is None) == (self.pto is None):
-            raise ValueError("give exactly one of area (of the duct) and pto (a turbine in it)")
+            raise ValueError("give exactly one of area (of the duct) and pto (a turbine in the duct)")
         return self

@@ -186,15 +186,20 @@ def _checked(x, u, p, scheme, walls, dx) -> tuple[int, int]:
         raise ValueError(f"p must have the shape [{len(x)}], not {np.shape(p)}")
     if scheme.smoothing.period != walls.period:
         raise ValueError(
-            f"the smoothing's period, {scheme.smoothing.period}, must be that of the box, {walls.period}"
+            f"the scheme's smoothing has the period {scheme.smoothing.period}, but the box has "
+            f"{walls.period}: give both the same period"
         )
     for axis, length in walls.period:
         if abs(length / dx - round(length / dx)) > 1e-6 * length / dx:
-            raise ValueError(f"dx = {dx:g} m does not divide the period {length:g} m of axis {axis}")
+            raise ValueError(
+                f"dx = {dx:g} m does not divide the period of {length:g} m along axis {axis}: use a dx that "
+                "divides this period"
+            )
     slack = 1e-6 * (np.asarray(walls.high) - np.asarray(walls.low))
     if (x < walls.low - slack).any() or (x > walls.high + slack).any():
         raise ValueError(
-            f"x: particles are outside the box from {walls.low} to {walls.high} m: move or remove them"
+            f"x has particles outside the box from {walls.low} to {walls.high} m: move or remove these "
+            "particles"
         )
     return x.shape
 

@@ -103,14 +103,15 @@ def check_basin(case: Sections, geometry: Geometry) -> None:
     if geometry.width is None:
         raise CaseError(f"{value} needs a tank in three dimensions: give tank.width, or remove waves.{key}")
     if waves.zone is None:
+        why = "the paddle makes only waves along the tank" if waves.oblique else "the zones need waves.zone"
         raise CaseError(
-            f"{value}: the paddle makes only waves along the tank: give waves.zone, the length of a "
-            f"relaxation zone, or remove waves.{key}"
+            f"{value}: {why}; give waves.zone, the length of a relaxation zone in front of the paddle, or "
+            f"remove waves.{key}"
         )
     if waves.oblique and geometry.gauges:
         raise CaseError(
-            f"probes.gauges = {list(case.probes.gauges)}: their elevations are averages across the tank, "
-            f"which have no meaning in oblique waves ({value}): use probes.surface, gauges at points (x, y)"
+            f"probes.gauges = {list(case.probes.gauges)}: these gauges measure averages across the tank, "
+            f"which have no meaning in oblique waves ({value}); use probes.surface, which has points (x, y)"
         )
     if waves.side_zones is not None:
         _check_sides(case, geometry, waves.side_zones)
@@ -137,8 +138,8 @@ def _check_sides(case: Sections, geometry: Geometry, width: float) -> None:
         )
     if width > 0.45 * whole:
         raise CaseError(
-            f"{value}: the zones would leave less than a tenth of the width of {whole:g} m between them: use "
-            "a larger tank.width, or narrower zones"
+            f"{value}: the two zones would leave less than a tenth of the width of {whole:g} m free; use a "
+            f"larger tank.width, or waves.side_zones of at most {0.45 * whole:.3g} m"
         )
 
 
@@ -153,4 +154,6 @@ def basin_notices(case: Sections) -> list[str]:
     waves = case.waves
     if waves is None or not waves.oblique or waves.side_zones is not None:
         return []
-    return [f"{_key(waves)[1]}: the side walls reflect oblique waves; give waves.side_zones to absorb them"]
+    return [
+        f"{_key(waves)[1]}: the side walls reflect oblique waves; give waves.side_zones to let these pass"
+    ]

@@ -12,6 +12,7 @@ import scipy  # scipy imports its subpackages on first use
 
 from jaxsph.case.body_sections import BodySection, LinkSection, MotionSection, spatial
 from jaxsph.case.geometry import Geometry
+from jaxsph.case.section import choice
 from jaxsph.case.sections import TANK, Sections
 from jaxsph.case.shapes import in_tank, inertia_of
 from jaxsph.errors import CaseError
@@ -131,15 +132,15 @@ def _ends(
     named = [section.body] if section.between is None else [one for one in section.between if one != TANK]
     for body in named:
         if body not in case.every_body:
-            there = ", ".join(case.every_body) or "none"
             asked = f"link.{name}.{'body' if section.between is None else 'between'}"
-            raise CaseError(f"{asked}: there is no body {body!r}; the bodies are {there}")
+            raise CaseError(f"{asked}: there is no body {body!r}; {choice(case.every_body, 'bodies')}")
     if section.body is not None and section.motion is not None:
         free = case.every_body[section.body].free
         if section.motion not in free:
+            others = f"choose from {', '.join(free)}, or " if free else ""
             raise CaseError(
                 f"link.{name}.motion = {section.motion!r}: the body {section.body} is not free in this "
-                f"motion; it is free in {', '.join(free) or 'no motion'}"
+                f"motion; {others}add {section.motion!r} to {case.body_key(section.body)}.free"
             )
         return AlongJoint.of(bodies[section.body], _index(bodies[section.body], section.motion))
     assert section.between is not None and section.at is not None
@@ -157,7 +158,10 @@ def check_position(point: Sequence[float], key: str, dim: int) -> None:
     """**Raises** CaseError for a point with more than `dim` coordinates, where `dim` is the number of
     dimensions of the tank."""
     if len(point) > dim:
-        raise CaseError(f"{key} = {list(point)}: must be a position (x, z), because the tank has no width")
+        raise CaseError(
+            f"{key} = {list(point)}: must be a position (x, z) in a two-dimensional case; give tank.width to "
+            "make the case three-dimensional"
+        )
 
 
 def _index(body: RigidBody, motion: str) -> int:

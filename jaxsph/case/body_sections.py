@@ -45,7 +45,10 @@ ROTATIONS = SPACE.motions[SPACE.dim :]
 def _three_or_six(values: tuple[float, ...]) -> tuple[float, ...]:
     """The values, unchanged. **Raises** ValueError unless there are three or six."""
     if len(values) not in (3, 6):
-        raise ValueError("must have three values (surge, heave, pitch), or six in three dimensions")
+        raise ValueError(
+            "must have three values (surge, heave, pitch), or in three dimensions six (surge, sway, heave, "
+            "roll, pitch, yaw)"
+        )
     return values
 
 
@@ -126,25 +129,36 @@ class LinkSection(Section):
         if along == between or any((a is None) != (b is None) for a, b in parts):
             raise ValueError("give either body and motion, or between and at")
         if self.rest is not None and not between:
-            raise ValueError("rest needs between and at: a link along a joint has no length")
+            raise ValueError(
+                "rest needs between and at, because a link along a joint has no length; remove rest"
+            )
         if self.between is not None and self.between[0] == self.between[1]:
-            raise ValueError("between: the two ends must be on different bodies, or one on the tank")
-        if (self.stops is None) != (self.stop_stiffness == 0.0) or (
-            self.stops is not None and self.stops[0] >= self.stops[1]
-        ):
-            raise ValueError("give both stops (an increasing pair) and stop_stiffness")
+            raise ValueError(
+                f"between = {list(self.between)}: the two ends must be on different bodies, or one on the "
+                "tank"
+            )
+        if (self.stops is None) != (self.stop_stiffness == 0.0):
+            raise ValueError("give both stops and a positive stop_stiffness, or neither")
+        if self.stops is not None and self.stops[0] >= self.stops[1]:
+            raise ValueError(f"stops = {list(self.stops)} must be an increasing pair")
         if (self.latch is None) != (self.latch_damping == 0.0):
-            raise ValueError("a latch needs both latch (its holding time) and latch_damping")
+            raise ValueError(
+                "a latch needs both latch (its holding time) and a positive latch_damping; give both, or "
+                "neither"
+            )
         others = (self.quadratic, self.friction, self.stop_stiffness, self.latch_damping)
         if self.slack and (not between or not self.stiffness or any(others)):
             raise ValueError(
-                "slack needs between, at and stiffness; apart from stiffness it allows only pretension and "
+                "slack needs between, at and stiffness; of the other forces give at most pretension and "
                 "damping"
             )
         if not any((self.stiffness, self.pretension, *self.losses, self.stop_stiffness)):
-            raise ValueError("the link has no force: give stiffness, damping, friction or another key")
+            raise ValueError("the link has no force; give stiffness, damping, friction or another key")
         if self.take_off and not any(self.losses):
-            raise ValueError("take_off needs a force that absorbs energy, such as damping")
+            raise ValueError(
+                "take_off needs a force that absorbs energy; give damping, quadratic or friction, or remove "
+                "take_off"
+            )
         return self
 
     @property
@@ -196,11 +210,16 @@ class MotionSection(Section):
                 "with t"
             )
         if self.t:
-            given = [one for one in (getattr(self, name) for name in MOTIONS) if one]
-            if not given or any(len(one) != len(self.t) for one in given):
-                raise ValueError("surge, heave and pitch: give at least one, with as many values as t")
+            given = {name: len(one) for name in MOTIONS if (one := getattr(self, name))}
+            if not given:
+                raise ValueError("give samples of at least one motion (surge, heave, ...) together with t")
+            for name, count in given.items():
+                if count != len(self.t):
+                    raise ValueError(
+                        f"{name} has {count} values, but t has {len(self.t)}; give one value for each time"
+                    )
             if len(self.t) < 4 or self.t[0] != 0.0 or any(a >= b for a, b in itertools.pairwise(self.t)):
-                raise ValueError("t must have at least 4 values that begin with 0 and increase")
+                raise ValueError("t must have at least 4 increasing values, the first of which is 0")
         return self
 
     @property
@@ -264,14 +283,22 @@ class BodySection(ShapeSection):
         carried = bool(self.free) or self.joined_to is not None
         if carried and (self.density is None) == (self.mass is None):
             raise ValueError(
-                "a body that is free or joined to another needs either density, or mass and, if it turns, "
-                "inertia"
+                "a body that is free or joined to another needs either density, or mass and (if the "
+                "body turns) inertia"
             )
         turns = any(one in self.free for one in ROTATIONS) or self.joined_to is not None
         if turns and self.density is None and self.inertia is None:
-            raise ValueError("a body that turns needs inertia or density: give one of them")
-        if self.release and (not self.free or any(self.velocity)):
-            raise ValueError("release needs a body with free motions and no initial velocity")
+            raise ValueError(
+                "a body that turns needs inertia or density; give inertia, or give density instead of mass"
+            )
+        if self.release and not self.free:
+            raise ValueError(
+                f"release = {self.release:g} s needs a free motion; give free, or remove release"
+            )
+        if self.release and any(self.velocity):
+            raise ValueError(
+                f"until release = {self.release:g} s the body is at rest; remove velocity, or remove release"
+            )
         if self.pto is not None and "pitch" not in self.free:
-            raise ValueError("pto acts on the pitch: add pitch to free")
+            raise ValueError('pto acts on the pitch; add "pitch" to free, or remove pto')
         return self

@@ -86,7 +86,7 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
         x = at_rest(x, level, case.dx, scheme.smoothing.kernel)
     if not len(x):
         solids = ", ".join(geometry.named_shapes())
-        raise CaseError(f"{solids}: solids fill the whole tank and leave no water in it: make them smaller")
+        raise CaseError(f"solids ({solids}) fill the whole tank and leave no water in it: make them smaller")
     g = np.zeros(case.dim)
     g[-1] = -case.g
     still = (x, volume / walls.width)

@@ -88,7 +88,7 @@ class Case(Sections):
             for part in path:
                 place = place.setdefault(part, {})
                 if not isinstance(place, dict):
-                    raise CaseError(f"{key}: {part} is a value, not a section")
+                    raise CaseError(f"{key}: {part} is a value, not a section; set {part} itself")
             if value is None:
                 place.pop(last, None)
             else:
@@ -178,7 +178,7 @@ def inner(part: Any, key: str) -> Any:
 def _plain(value: Any, name: str = "case", depth: int = 0) -> Any:
     """Converts lists and arrays to tuples and NumPy scalars to Python numbers, as the sections require."""
     if depth > 10:
-        raise CaseError(f"{name}: lists or sections are nested too deep for a case")
+        raise CaseError(f"{name}: lists or sections are nested too deep; use at most ten levels")
     if isinstance(value, dict):
         for key in value:
             if not isinstance(key, str):
@@ -331,6 +331,8 @@ def _in_toml_words(message: str) -> str:
     message = message.removeprefix("Value error, ").replace(" after validation", "")
     if message.startswith("Input should be a valid dictionary"):
         return "must be a section"
+    if message.startswith("String should match pattern"):  # only the name of a case has a pattern
+        return "must not contain slashes or control characters"
     message = message.replace("valid tuple", "list").replace("Tuple", "The list")
     return message.replace("Input should be a valid", "must be a").replace("Input should be", "must be")
 

@@ -147,13 +147,19 @@ def stretch_in(key: str, body: str, at: float | None, shape: AbstractShape, tank
     if not hollows:
         raise CaseError(
             f"{asked}: the body has no hollow at the still water level, z = {tank.depth:g} m, with a wall on "
-            "either side: give the body as a polygon with a hollow that is open below"
+            "either side; give the body as a polygon with a hollow that is open below"
         )
     places = ", ".join(f"{a:.4g} to {b:.4g} m" for a, b in hollows)
     found = hollows if at is None else [(a, b) for a, b in hollows if a < at < b]
+    if len(found) != 1 and at is None:
+        raise CaseError(
+            f"{asked}: the body has hollows from x = {places}; give {key}.at, a position x in one of them"
+        )
     if len(found) != 1:
-        given = "give" if at is None else f"{key}.at = {at:g} m is in none of them: give"
-        raise CaseError(f"{asked}: the body has hollows from x = {places}; {given} {key}.at in one of them")
+        raise CaseError(
+            f"{key}.at = {at:g} m is in no hollow of the body {body}: give a position x inside a hollow "
+            f"({places})"
+        )
     ((first, last),) = found
     middle, beside = 0.5 * (first + last), 1e-4 * tank.dx
     corners = np.sort(np.unique(np.concatenate([shape.outline()[:, 1], [tank.depth]])))
@@ -174,7 +180,7 @@ def stretch_in(key: str, body: str, at: float | None, shape: AbstractShape, tank
             back.append((right[0], z))
     if not np.isfinite(top):
         raise CaseError(
-            f"{asked}: the hollow from x = {first:.4g} to {last:.4g} m is open at the top: add a roof on "
+            f"{asked}: the hollow from x = {first:.4g} to {last:.4g} m is open at the top; add a roof on "
             "which the air pressure can act"
         )
     tip = float(np.round(max(tip, corners[0]), 9))
@@ -198,7 +204,7 @@ def _at_surface(name: str, asked: str, tank: Tank) -> tuple[tuple[float, float],
     if ends is None:
         raise CaseError(
             f"{asked}: {name} does not pierce the still water surface at z = {tank.depth:g} m and cannot "
-            "hold air: extend the wall, or choose another one"
+            "hold air; extend the wall, or choose another wall"
         )
     return ends, wall
 
@@ -212,7 +218,7 @@ def _shape_named(name: str, asked: str, tank: Tank) -> AbstractShape | None:
             return tank.shapes[called]
     solids = [called.removeprefix("solid.") for called in tank.shapes if called.startswith("solid.")]
     allowed = ", ".join([*solids, *(["device"] if "device" in tank.shapes else []), FAR])
-    raise CaseError(f"{asked}: there is no wall {name!r}; the walls are {allowed}")
+    raise CaseError(f"{asked}: there is no wall {name!r}; choose from {allowed}")
 
 
 def _check(stretch: Stretch, walls: tuple[str, ...], tank: Tank) -> None:
@@ -235,9 +241,10 @@ def _check(stretch: Stretch, walls: tuple[str, ...], tank: Tank) -> None:
             continue
         found = ends_at(shape, tank.depth)
         if found is not None and found[0] < last - 1e-9 and found[1] > first + 1e-9:
+            other = "" if stretch.carrier else ", or choose two walls next to each other"
             raise CaseError(
                 f"{asked}: {called} pierces the surface in the chamber, from x = {found[0]:.4g} to "
-                f"{found[1]:.4g} m: move it out of the chamber, or choose two walls next to each other"
+                f"{found[1]:.4g} m; move {called} out of the chamber{other}"
             )
 
 
@@ -247,6 +254,6 @@ def check_apart_chambers(stretches: Mapping[str, Stretch]) -> None:
     for (a, one), (b, other) in itertools.pairwise(placed):
         if other.first < one.last - 1e-9:
             raise CaseError(
-                f"chamber.{a} and chamber.{b}: both cover the surface from x = {other.first:.4g} to "
-                f"{min(one.last, other.last):.4g} m: choose walls between which they do not overlap"
+                f"chamber.{a} and chamber.{b} both cover the surface from x = {other.first:.4g} to "
+                f"{min(one.last, other.last):.4g} m: change between, body or at of one of the two chambers"
             )

@@ -33,7 +33,8 @@ def coarsen(case: Case) -> Case:
         except CaseError as error:
             refusal = refusal or str(error)
     raise CaseError(
-        f"dx = {case.dx:g} m is as coarse as this case can be ({refusal}): run it unchanged, or shorten t1"
+        f"dx = {case.dx:g} m is as coarse as this case can be ({refusal}): run the case unchanged, or with a "
+        "smaller t1"
     )
 
 

@@ -93,7 +93,10 @@ def read_text(path: Path, kind: str, remedy: str) -> str:
             f"{path} is not UTF-8 text from byte {error.start} on; save the file as UTF-8"
         ) from None
     if "\0" in text:
-        raise CaseError(f"{path} is not a text file: it has NUL bytes, from byte {data.index(0)} on")
+        raise CaseError(
+            f"{path} is not a text file: it has NUL bytes, from byte {data.index(0)} on; save the "
+            "file as UTF-8 text"
+        )
     return text
 
 
@@ -122,8 +125,8 @@ def _rows(path: Path, text: str) -> list[tuple[str, list[str]]]:
     except csv.Error:
         length = len(lines[number].rstrip("\r\n"))
         raise CaseError(
-            f"{path}, line {number + 1} ({length} characters): not valid CSV: a quotation mark is not closed "
-            "or is misplaced, or a value is too long"
+            f"{path}, line {number + 1} ({length} characters): not valid CSV, because a quotation mark is "
+            "not closed or is misplaced, or a value is too long"
         ) from None
     return rows
 

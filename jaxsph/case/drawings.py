@@ -42,10 +42,10 @@ def read_outline(path: Path, scale: float | None) -> Corners:
     if unit is None and scale is None:
         raise CaseError(f"{path} has no unit of length: give scale, in m per drawing unit")
     if len(outlines) != 1:
-        raise CaseError(
-            f"{path} has {len(outlines)} closed outlines: must have one (a closed polyline, path or "
-            "circle); use a separate drawing for each solid"
-        )
+        remedy = "use a separate drawing for each solid"
+        if not outlines:
+            remedy = "draw the outline as a closed polyline or path, a circle or an ellipse"
+        raise CaseError(f"{path} has {len(outlines)} closed outlines: must have one; {remedy}")
     return outlines[0] * (1.0 if unit is None else unit) * (1.0 if scale is None else scale)
 
 
@@ -83,7 +83,8 @@ def _svg(text: str) -> tuple[list[Corners], float | None]:
                 outlines += _closed(svg, svg.Path(part))
     if drawing.viewbox is None and "height" not in drawing.values:
         raise CaseError(
-            "an SVG drawing needs a height or a viewBox, because its lower left corner is the origin"
+            "the drawing needs a height or a viewBox, because its lower left corner is the origin; save the "
+            "drawing with a page size"
         )
     size = str(drawing.values.get("height", ""))
     unit = PIXEL if size.endswith(("mm", "cm", "in", "pt", "pc")) else None

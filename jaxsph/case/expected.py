@@ -36,11 +36,11 @@ _SIDES = (
     "`waves.side_zones`, the width of relaxation zones along these walls, m; in a tank without "
     "incident waves, give `sponge.sides`"
 )
-_STEP = "the time step follows from `dx` and the expected speeds; `scheme.cfl` makes it shorter or longer"
+_STEP = "the time step follows from `dx` and the expected speeds; `scheme.cfl` changes it"
 _END = "the end of a run is `t1`, s"
 _SPACING = "the spacing of the particles is `dx`, m"
 _LOADED = "the forces on the body and on every solid are always recorded, as `force_NAME` in the run file"
-_HEIGHT = "regular waves have `waves.H`, twice their amplitude, m; a sea has `waves.Hs`"
+_HEIGHT = "the height of regular waves, twice their amplitude, is `waves.H`, m; a sea has `waves.Hs`, m"
 _PERIOD = "regular waves have the period `waves.T`, s, and a sea its peak period `waves.Tp`"
 
 EXPECTED = {
@@ -63,9 +63,9 @@ EXPECTED = {
     "surface_tension": "surface tension is not available",
     "turbulence": "turbulence models are not available; water has the kinematic viscosity `fluid.nu`",
     "scale": "a case is computed at the scale of its lengths; there is no scale factor",
-    "gauges": "give the gauges as `probes.gauges`, a list of x, m",
+    "gauges": "give the gauges as `probes.gauges`, a list of positions x, m",
     "draft": "the draught of a front wall is `device.draught`, m; a body's draught follows from its mass",
-    "orifice": "an orifice is `pto.area`, m2 per metre of width, with `pto.discharge`",
+    "orifice": "an orifice is `pto.area`, m2 (in two dimensions m2 per metre of width), with `pto.discharge`",
 }
 """Hints on what to use instead of a key, by the last part of the key's name in lower case."""
 

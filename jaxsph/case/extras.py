@@ -17,5 +17,5 @@ def library(name: str, extra: str, what: str) -> ModuleType:
         return importlib.import_module(name)
     except ImportError:
         raise CaseError(
-            f"{what} needs {name.split('.')[0]}, which is not installed: pip install 'jaxsph[{extra}]'"
+            f"{what} needs {name.split('.')[0]}, which is not installed: run pip install 'jaxsph[{extra}]'"
         ) from None

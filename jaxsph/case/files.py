@@ -52,7 +52,7 @@ def load_case(name: str | Path) -> Case:
     """
     path = Path(name)
     if path.suffix == ".toml":
-        remedy = f"jaxsph new {path.stem} writes one, and jaxsph cases lists the built-in cases"
+        remedy = f"write one with jaxsph new {path.stem}, or run a built-in case (jaxsph cases lists them)"
         data = _parsed(path, read_text(path, "case file", remedy))
         return Case.from_dict({"name": path.stem} | _with_files(data, path.parent))
     names = built_in_cases()
@@ -77,7 +77,9 @@ def _with_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     tank, waves = data.get("tank"), data.get("waves")
     flow = "m3/s" if isinstance(tank, dict) and "width" in tank else "m2/s"
     if isinstance(waves, dict) and "file" in waves and waves.get("kind") != "recorded":
-        raise CaseError('waves.file is only allowed with waves.kind = "recorded"')
+        raise CaseError(
+            'waves.file is only allowed with waves.kind = "recorded": set this kind, or remove waves.file'
+        )
     for place, reader in _readers(flow).items():
         _put(data, place.split("."), "", reader, folder)
     return data
@@ -92,7 +94,8 @@ def _put(data: dict[str, Any], place: list[str], key: str, reader: Reader, folde
         file = data.pop("file", None)
         if file is not None and not isinstance(file, str):
             raise CaseError(
-                f"{key}.file: must be the name of a data file, for example a CSV file, as text in quotes"
+                f"{key}.file = {file!r:.60}: must be the name of a data file, for example a CSV file, in "
+                "quotes"
             )
         if file is not None:
             try:

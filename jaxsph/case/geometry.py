@@ -138,8 +138,8 @@ class Geometry:
         snapped = count * self.dx
         if abs(snapped - value) > slack * value:
             raise CaseError(
-                f"{name} = {value:g} m does not fit dx = {self.dx:g} m: it would be rounded to "
-                f"{snapped:g} m; use dx of at most {value / least:.4g} m that divides this length"
+                f"{name} = {value:g} m does not fit dx = {self.dx:g} m: the length would be rounded "
+                f"to {snapped:g} m; use dx of at most {value / least:.4g} m that divides this length"
             )
         if abs(snapped - value) > 1e-6 * value:
             self.notices.append(
@@ -176,7 +176,10 @@ class Geometry:
         self.column = self.length
         if case.tank.column is None:
             if case.tank.layer is not None:
-                raise CaseError("tank.layer wets the bed next to a released column: give tank.column too")
+                raise CaseError(
+                    f"tank.layer = {case.tank.layer:g} m wets the bed beside a released column: give "
+                    "tank.column too, or remove tank.layer"
+                )
             return
         asked = f"tank.column = {case.tank.column:g} m"
         if case.tank.column > self.length:
@@ -184,14 +187,15 @@ class Geometry:
         for name in ("waves", "device", "start"):
             if getattr(case, name) is not None:
                 raise CaseError(
-                    f"{asked} leaves the tank's end dry, but [{name}] needs a full tank: remove one of them"
+                    f"{asked} is the length of a released column, but [{name}] needs still water in the "
+                    f"whole tank: remove tank.column or [{name}]"
                 )
         self.column = min(self.snap("tank.column", case.tank.column, least=4, slack=0.1), self.length)
         if case.tank.layer is not None:
             self.layer = self.snap("tank.layer", case.tank.layer, slack=1.0)
             if self.layer >= self.depth:
                 raise CaseError(
-                    f"tank.layer = {case.tank.layer:g} m: must be below the column's depth, "
+                    f"tank.layer = {case.tank.layer:g} m: must be less than the column's depth, "
                     f"tank.depth = {self.depth:g} m"
                 )
 
@@ -207,7 +211,10 @@ class Geometry:
                     )
             return
         if self.width is not None:
-            raise CaseError("tank.width: a device needs a two-dimensional tank (no width)")
+            raise CaseError(
+                f"tank.width = {self.width:g} m: a device needs a two-dimensional tank; remove tank.width, "
+                "or replace [device] by solids and a [chamber.NAME]"
+            )
         if device.chamber_length < 3.0 * self.dx:
             raise CaseError(
                 f"device.chamber_length = {device.chamber_length:g} m is "
@@ -229,7 +236,10 @@ class Geometry:
         x0 = float(np.round(x1 - thickness, 12))
         self.plate = WallPlate(x0, x1, self.depth - draught)
         if self.plate.x0 < 4 * self.dx:
-            raise CaseError(f"tank.length = {case.tank.length:g} m leaves no water in front of the device")
+            raise CaseError(
+                f"tank.length = {case.tank.length:g} m leaves less than four spacings of water in front of "
+                "the device: use a larger tank.length, or a smaller device.chamber_length"
+            )
         if device.platform_height:
             self._platform(device, device.platform_length, device.platform_height)
 
@@ -244,8 +254,8 @@ class Geometry:
             )
         if length > self.length - 4 * self.dx:
             raise CaseError(
-                f"device.platform_length = {device.platform_length:g} m: must leave water in front of the "
-                f"platform; use at most {self.length - 4 * self.dx:g} m"
+                f"device.platform_length = {device.platform_length:g} m: must leave at least four spacings "
+                f"of water in front of the platform; use at most {self.length - 4 * self.dx:g} m"
             )
         self.platform = Platform(float(np.round(self.length - length, 12)), height)
 
@@ -253,7 +263,8 @@ class Geometry:
         """Sets the shapes of the rigid bodies, in the order of their joints; they must be inside the tank."""
         sections = in_order(case)
         if sections and case.device is not None:
-            raise CaseError("body: a tank has either bodies or a device: remove one of the two")
+            keys = ", ".join(f"[{case.body_key(name)}]" for name in sections)
+            raise CaseError(f"a tank has either bodies ({keys}) or a [device]: remove one of the two")
         for name, section in sections.items():
             key = self.keys[name] = case.body_key(name)
             for index, point in enumerate(section.sensors):
@@ -276,7 +287,9 @@ class Geometry:
     def _solids(self, case: Sections) -> None:
         """Sets the shapes of the fixed solids, which must be inside the tank and must not overlap."""
         if (case.solid or case.every_body) and case.tank.walls not in (None, "dummy"):
-            raise CaseError(f'tank.walls = "{case.tank.walls}": a body or a solid needs "dummy" walls')
+            raise CaseError(
+                f'tank.walls = "{case.tank.walls}": a body or a solid needs "dummy" walls; remove tank.walls'
+            )
         walls = list(self._moved_walls(case))
         solids = {name: self._solid_with_walls(name, one, walls) for name, one in case.solid.items()}
         for name, section in solids.items():
@@ -308,10 +321,10 @@ class Geometry:
         if case.pto is not None and DEVICE_CHAMBER in case.chamber:
             raise CaseError(
                 f"chamber.{DEVICE_CHAMBER}: [pto] belongs to the device's chamber, which already has this "
-                "name: give this section another name"
+                "name; give this section another name"
             )
         if case.air is not None and case.pto is None:
-            raise CaseError("air: compressible air needs a turbine; give one in [pto], or remove [air]")
+            raise CaseError("air: compressible air needs a turbine in [pto]: give [pto], or remove [air]")
         shapes = self.named_shapes()
         tank = Tank(shapes, self.bodies, self.length, self.width, self.depth, self.height, self.dx)
         self.stretches = water_surfaces(case, tank)
@@ -368,18 +381,21 @@ class Geometry:
         for index, x in enumerate(self.gauges):
             if not 0 <= x <= self.length:
                 raise CaseError(
-                    f"probes.gauges[{index}] = {x:g} m is outside the tank (0 to {self.length:g} m)"
+                    f"probes.gauges[{index}] = {x:g} m is outside the tank (0 to {self.length:g} m): move "
+                    "the gauge into the tank"
                 )
         for name, most in (("surface", upper[:-1]), ("pressure", upper), ("velocity", upper)):
             points = []
+            axes = ", ".join(("xz" if self.width is None else "xyz")[: len(most)])
             for index, point in enumerate(getattr(case.probes, name)):
-                place = point
-                if len(point) == len(most):
-                    place = self._with_walls(f"probes.{name}[{index}]", point, walls)
-                if len(place) != len(most) or not all(0 <= a <= b for a, b in zip(place, most, strict=True)):
+                key = f"probes.{name}[{index}]"
+                if len(point) != len(most):
+                    raise CaseError(f"{key} = {list(point)}: must be a position ({axes}), m")
+                place = self._with_walls(key, point, walls)
+                if not all(0 <= a <= b for a, b in zip(place, most, strict=True)):
                     raise CaseError(
-                        f"probes.{name}[{index}] = {list(point)} is not inside the tank: "
-                        f"give {len(most)} coordinates between 0 and {most}"
+                        f"{key} = {list(point)} is not inside the tank: move the point into the tank, which "
+                        f"extends from 0 to {most} m"
                     )
                 points.append(place)
             setattr(self, name, tuple(points))
@@ -411,11 +427,11 @@ class Geometry:
             if on_wall or beyond:
                 place[axis] = there
                 self.notices.append(
-                    f"{name}: {point[axis]:g} m is on {wall}, which was moved by rounding to whole spacings: "
+                    f"{name}: {point[axis]:g} m is on {wall}, which was moved by rounding to whole spacings; "
                     f"the position becomes {there:g} m"
                     if on_wall
                     else f"{name}: {point[axis]:g} m is behind {wall}, which was moved by rounding to whole "
-                    f"spacings: the position becomes {there:g} m"
+                    f"spacings; the position becomes {there:g} m"
                 )
         return tuple(place)
 

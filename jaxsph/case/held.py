@@ -81,7 +81,7 @@ def find_modes(
     free = {name: _moves(case, name) for name in case.every_body}
     free = {name: found for name, found in free.items() if found}
     if not free:
-        keys = ", ".join(f"{case.body_key(name)}.free" for name in case.every_body)
+        keys = " or ".join(f"{case.body_key(name)}.free" for name in case.every_body)
         raise CaseError(f'no body has a free motion: give {keys}, for example free = ["heave"]')
     if asked is None:
         asked = free
@@ -90,9 +90,7 @@ def find_modes(
     modes = []
     for body, motions in asked.items():
         if body not in case.every_body:
-            raise CaseError(
-                f"body {body!r}: there is no such body; the bodies are {', '.join(case.every_body)}"
-            )
+            raise CaseError(f"body {body!r}: there is no such body; choose from {', '.join(case.every_body)}")
         for motion in motions:
             if motion not in MOTIONS:
                 raise CaseError(f"motion {motion!r}: must be one of {', '.join(MOTIONS)}")
@@ -114,7 +112,7 @@ def _check_case(case: Any) -> None:
             "key (values are then per metre of width)"
         )
     if case.g == 0.0:
-        raise CaseError("g = 0: there are no waves without gravity")
+        raise CaseError("g = 0: coefficients need waves, and waves need gravity; use a positive g")
     if case.chambers or case.tank.column is not None:
         what = "tank.column" if case.tank.column is not None else f"chamber.{next(iter(case.chambers))}"
         raise CaseError(
@@ -223,21 +221,21 @@ def check_period(case: Case, T: float) -> None:
     asked = f"period = {T:g} s: the wavelength of {length:.3g} m"
     if length < LEAST_LENGTH * case.dx:
         raise CaseError(
-            f"{asked} is less than {LEAST_LENGTH} spacings (dx = {case.dx:g} m): use a longer period, or "
+            f"{asked} is less than {LEAST_LENGTH} spacings (dx = {case.dx:g} m); use a longer period, or "
             f"dx of at most {length / LEAST_LENGTH:.3g} m"
         )
     if case.sponge is not None and case.sponge.length < LEAST_SPONGE * length:
         raise CaseError(
             f"{asked} is more than twice sponge.length = {case.sponge.length:g} m, and a large part "
-            "of the waves would return: use a shorter period, or a sponge of at least "
+            "of the waves would return; use a shorter period, or a sponge of at least "
             f"{LEAST_SPONGE * length:.3g} m"
         )
     row = gauges(geometry, T, case.g, None if case.waves is None else case.waves.zone)
     if worst_separation(row, 2.0 * math.pi / length) > LARGEST_CONDITION:
         raise CaseError(
-            f"{asked} is too long for the {_front(geometry):.3g} m between the paddle and the first solid: "
-            "gauges there cannot separate incident waves from those that the bodies reflect or radiate; "
-            "place the bodies farther from the paddle, or use a shorter period"
+            f"{asked} is too long for the {_front(geometry):.3g} m between the paddle and the first body or "
+            "solid, where gauges cannot separate incident waves from reflected and radiated ones; place the "
+            "bodies farther from the paddle, or use a shorter period"
         )
 
 
@@ -251,10 +249,12 @@ def gauges(geometry: Geometry, T: float, g: float, zone: float | None) -> list[f
     """
     first, last = zone or geometry.depth, _front(geometry) - geometry.depth
     if last - first < 8.0 * geometry.dx:
+        begin = f"beyond waves.zone = {zone:g} m" if zone else "one depth or more from the paddle"
         raise CaseError(
-            f"tank: the first solid is {_front(geometry):.3g} m from the paddle, but gauges need a distance "
-            f"of one depth, {geometry.depth:g} m, from both, and eight spacings in between; move the bodies "
-            f"away from the paddle by {8.0 * geometry.dx - (last - first):.3g} m or more"
+            f"tank: the first body or solid is {_front(geometry):.3g} m from the paddle, which leaves less "
+            f"than eight spacings for gauges {begin} and one depth ({geometry.depth:g} m) or more from this "
+            "body or solid; move the bodies away from the paddle by "
+            f"{8.0 * geometry.dx - (last - first):.3g} m or more"
         )
     span = min(last - first, 0.45 * 2.0 * math.pi / wavenumber(T, geometry.depth, g))
     return [round(last - span * (1.0 - place), 9) for place in PLACES]

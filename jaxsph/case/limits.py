@@ -19,6 +19,7 @@ from jaxsph.case.basin import check_basin
 from jaxsph.case.geometry import PADDLE_GAUGE, Geometry, walls_of
 from jaxsph.case.names import check_names
 from jaxsph.case.scheme import shortest_limit, stable_time_step
+from jaxsph.case.section import choice
 from jaxsph.case.sections import Sections
 from jaxsph.case.speeds import wavenumber
 from jaxsph.case.wave_section import AbstractWavesSection
@@ -108,12 +109,16 @@ def check_memory(case: Sections, geometry: Geometry) -> None:
         + sum(len(a) for a in (geometry.gauges, geometry.surface, geometry.pressure))
         + len(geometry.velocity) * case.dim
     )
-    needed += 8.0 * columns * case.t1 / case.output.sample_dt
+    series = 8.0 * columns * case.t1 / case.output.sample_dt
+    needed += series
     if needed > available:
+        long = series > 0.5 * needed
+        remedy = "a larger output.sample_dt, or a smaller t1" if long else "a larger dx, or a smaller tank"
         raise CaseError(
             f"dx = {case.dx:g} m makes about {water:.3g} particles of water and {walls:.3g} of walls, which "
             f"need about {needed / 1e9:.3g} GB ({each} bytes per particle, {BYTES_PER_PLACE} per point of "
-            f"the lattice); {available / 1e9:.3g} GB are available. Use a larger dx, or a smaller tank"
+            f"the lattice, {series / 1e9:.2g} GB for recorded series), but {available / 1e9:.3g} GB are "
+            f"available: use {remedy}"
         )
 
 
@@ -186,9 +191,11 @@ def _check_standing_wave(case: Sections, geometry: Geometry) -> None:
     if start is None:
         return
     if case.waves is not None:
-        raise CaseError("start and waves exclude each other: remove one of the sections")
+        raise CaseError("start and waves exclude each other: remove [start] or [waves]")
     if case.g == 0.0:
-        raise CaseError("start: a standing wave needs gravity, but g = 0: remove the section")
+        raise CaseError(
+            "start: a standing wave needs gravity, but g = 0; use a positive g, or remove [start]"
+        )
     half = geometry.length / start.mode
     if half < 2 * case.dx:
         raise CaseError(
@@ -198,41 +205,48 @@ def _check_standing_wave(case: Sections, geometry: Geometry) -> None:
     highest = STANDING_BREAKING * half
     if start.amplitude > min(highest, geometry.depth):
         raise CaseError(
-            f"start.amplitude = {start.amplitude:g} m: a standing wave of {2 * half:.3g} m in a depth of "
-            f"{geometry.depth:g} m breaks; use at most {min(highest, geometry.depth):.3g} m"
+            f"start.amplitude = {start.amplitude:g} m: a standing wave with this amplitude and a "
+            f"wavelength of {2 * half:.3g} m breaks in a depth of {geometry.depth:g} m; use an amplitude of "
+            f"at most {min(highest, geometry.depth):.3g} m"
         )
 
 
 def _check_waves(case: Sections, geometry: Geometry) -> None:
     waves = case.waves
     if waves is None:
-        for pto in case.turbines:
-            if pto.phase is not None:
+        of = {"pto" if case.is_device_chamber(a) else f"chamber.{a}.pto": b for a, b in case.chambers.items()}
+        for key, part in (of | {f"duct.{a}.pto": b for a, b in case.duct.items()}).items():
+            if part.pto is not None and part.pto.phase is not None:
                 raise CaseError(
-                    f"pto.phase = {list(pto.phase)} follows the phase of waves, but the case has no waves"
+                    f"{key}.phase = {list(part.pto.phase)} follows the phase of the waves, but the case has "
+                    "no waves: give [waves], or remove this key"
                 )
         return
     if case.g == 0.0:
-        raise CaseError("waves need gravity, but g = 0: remove the section")
-    T = waves.period_key
+        raise CaseError("waves need gravity, but g = 0: use a positive g, or remove [waves]")
+    key = waves.period_key
+    period = (
+        f"waves.t (mean period {waves.period:.3g} s)" if key == "t" else f"waves.{key} = {waves.period:g} s"
+    )
     highest, why = breaking_height(waves.period, geometry.depth, case.g)
     if waves.height > highest:
+        other = "a longer period" if "Miche" in why else "a larger tank.depth"
         raise CaseError(
-            f"{asked(waves)}: waves of {T} = {waves.period:g} s in a depth of {geometry.depth:g} m break "
-            f"above {highest:.3g} m ({why}): use a smaller height, or other waves.{T} or tank.depth"
+            f"{asked(waves)}: waves with a period of {waves.period:.4g} s in a depth of {geometry.depth:g} m "
+            f"break above a height of {highest:.3g} m ({why}); use a smaller height, or {other}"
         )
     length = 2.0 * np.pi / wavenumber(waves.period, geometry.depth, case.g)
     if length < waves.least_length * case.dx:
         number = "four" if waves.least_length == 4 else f"{waves.least_length}"
         raise CaseError(
-            f"waves.{T} = {waves.period:g} s: the wavelength, {length:.3g} m, is less than {number} "
-            f"spacings (dx = {case.dx:g} m): use a longer period, or a smaller dx"
+            f"{period}: the wavelength, {length:.3g} m, is less than {number} spacings (dx = {case.dx:g} m); "
+            "use a longer period, or a smaller dx"
         )
     if geometry.stroke > 0.5 * geometry.front:
         raise CaseError(
-            f"waves.{T} = {waves.period:g} s, {asked(waves)}: the paddle would need a stroke of "
-            f"{geometry.stroke:.3g} m, more than half of the {geometry.front:g} m of water in front of it: "
-            "use a shorter period, a smaller height or a longer tank"
+            f"{period}, {asked(waves)}: the paddle would need a stroke of {geometry.stroke:.3g} m, more than "
+            f"half of the {geometry.front:g} m of water in front of the paddle; use a shorter period, a "
+            "smaller height or a longer tank"
         )
     if waves.zone is not None:
         _check_zone(waves.zone, length, geometry)
@@ -241,7 +255,8 @@ def _check_waves(case: Sections, geometry: Geometry) -> None:
     if gauge > geometry.front:
         raise CaseError(
             f"tank.length = {case.tank.length:g} m: the paddle's gauge needs {gauge:.3g} m of water in "
-            f"front of it, but there are only {geometry.front:g} m: use a longer tank, or a smaller dx"
+            f"front of the paddle, but there are only {geometry.front:g} m; use a longer tank, or a "
+            "smaller dx"
         )
 
 
@@ -249,22 +264,26 @@ def _check_zone(zone: float, length: float, geometry: Geometry) -> None:
     """**Raises** CaseError if a relaxation zone is too short for its waves, or fills the whole tank."""
     if zone < 0.5 * length:
         raise CaseError(
-            f"waves.zone = {zone:g} m: must be at least half a wavelength, {0.5 * length:.3g} m; in a "
-            "shorter tank use active absorption (remove the key)"
+            f"waves.zone = {zone:g} m: must be at least half a wavelength, {0.5 * length:.3g} m; use a "
+            "longer zone, or active absorption (remove waves.zone)"
         )
     if zone > 0.9 * geometry.front:
         raise CaseError(
-            f"waves.zone = {zone:g} m leaves less than a tenth of the {geometry.front:g} m of water beyond "
-            "the zone: use a longer tank.length, or a shorter zone"
+            f"waves.zone = {zone:g} m leaves less than a tenth of the {geometry.front:g} m of water free: "
+            "use a larger tank.length, or a shorter zone"
         )
 
 
 def asked(waves: AbstractWavesSection) -> str:
-    """Key and value of the wave height, as text; the significant height if the key has no single value."""
-    value = getattr(waves, waves.height_key)
+    """Key that sets the wave height, and its value, as text; with the significant height if the value is not
+    this height."""
+    key, sea = waves.height_key, f"(significant height {waves.height:.3g} m)"
+    value = getattr(waves, key)
+    if value is None:  # the height follows from the peak period, or from the paddle's displacement
+        return f"waves.{waves.period_key if key == 'Hs' else 'X'} {sea}"
     if isinstance(value, float):
-        return f"waves.{waves.height_key} = {value:g} m"
-    return f"waves.{waves.height_key} (significant height {waves.height:.3g} m)"
+        return f"waves.{key} = {value:g} m" + ("" if value == waves.height else f" {sea}")
+    return f"waves.{key} = {list(value)} m {sea}" if len(value) == 2 else f"waves.{key} {sea}"
 
 
 def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSection) -> None:
@@ -274,35 +293,41 @@ def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSe
     key, stretch = "" if of_device else f"chamber.{name}.", geometry.stretches[name]
     rise = case.waves.highest(geometry.depth, case.g) if case.waves is not None else 0.0
     room = min(stretch.top, geometry.height) - geometry.depth
+    higher = "a higher roof" if stretch.carrier else "higher walls" if key else "a larger tank.height"
     if rise > room + 1e-9:
         asked = stretch.given if key else f"tank.height = {geometry.height:g} m"
         what = "the roof is" if stretch.carrier else "a wall ends"
         raise CaseError(
-            f"{asked}: {what} {room:.4g} m above the water, and waves are {rise:.4g} m high: use a "
-            "higher roof or wall, or lower waves"
+            f"{asked}: {what} {room:.4g} m above the water, and waves are {rise:.4g} m high; use {higher}, "
+            "or lower waves"
         )
     if section.air is not None:
         if section.pto is not None and not section.pto.is_turbine:
             raise CaseError(
-                f"{key}air: compressible air needs a turbine: change [{key}pto], or remove [{key}air]"
+                f"{key}air: compressible air needs a turbine, not a prescribed pressure; change [{key}pto], "
+                f"or remove [{key}air]"
             )
         if section.air.volume < stretch.surface * rise:
-            of, volume = ("m", "m2") if case.dim == 2 else ("m2", "m3")
+            size = f"{stretch.surface:g} m long" if case.dim == 2 else f"of {stretch.surface:g} m2"
+            volume = "m2" if case.dim == 2 else "m3"
             raise CaseError(
                 f"{key}air.volume = {section.air.volume:g} {volume}: waves {rise:.3g} m high may fill the "
-                f"chamber; a chamber with a water surface of {stretch.surface:g} {of} needs at least "
-                f"{stretch.surface * rise:.3g} {volume}"
+                f"chamber; a chamber with a water surface {size} needs at least {stretch.surface * rise:.3g} "
+                f"{volume}"
             )
     elif section.pto is None and not any(name in duct.between for duct in case.duct.values()):
         raise CaseError(
-            f"chamber.{name}: the air has no outlet: give [chamber.{name}.pto], a duct, or "
+            f"chamber.{name}: the air has no outlet; give [chamber.{name}.pto], a duct, or "
             f"[chamber.{name}.air] for compressible air"
         )
     if section.pto is None or not section.pto.P_a:
         return
     asked = f"{key}pto.P_a = {section.pto.P_a:g} Pa"
     if case.g == 0.0:
-        raise CaseError(f"{asked}: without gravity (g = 0) the water cannot balance the air's pressure")
+        raise CaseError(
+            f"{asked}: without gravity (g = 0) the water cannot balance the air's pressure; use a positive "
+            "g, or another power take-off"
+        )
     # the water that leaves one side raises the other; a change of level is inversely proportional to the area
     whole = geometry.length * (1.0 if geometry.width is None else geometry.width)
     front = geometry.front if of_device else whole - stretch.surface
@@ -316,8 +341,9 @@ def _check_air(case: Sections, geometry: Geometry, name: str, section: ChamberSe
         )
     if -fall > room:
         raise CaseError(
-            f"{asked} would raise the chamber's level by {-fall:.3g} m, but the walls end {room:.3g} m above "
-            f"the water: use at least {section.pto.P_a * room / -fall:.4g} Pa, or a higher tank.height"
+            f"{asked} would raise the chamber's level by {-fall:.3g} m, but "
+            f"{'the roof is' if stretch.carrier else 'the walls end'} {room:.3g} m above the water: use at "
+            f"least {section.pto.P_a * room / -fall:.4g} Pa, or {higher}"
         )
 
 
@@ -327,14 +353,13 @@ def _check_ducts(case: Sections) -> None:
         asked = f"duct.{name}.between = {list(duct.between)}"
         for end in duct.between:
             if end not in case.chambers:
-                there = ", ".join(case.chambers) or "none"
-                raise CaseError(f"{asked}: there is no chamber {end!r}; the chambers are {there}")
+                raise CaseError(f"{asked}: there is no chamber {end!r}; {choice(case.chambers, 'chambers')}")
         if duct.between[0] == duct.between[1]:
             raise CaseError(f"{asked}: a duct needs two different chambers")
         if duct.pto is not None and not duct.pto.is_turbine:
             raise CaseError(
-                f"duct.{name}.pto.P_a: the pressure of a duct follows from its flow: give K_dm, resistance, "
-                "area or curve instead"
+                f"duct.{name}.pto.P_a = {duct.pto.P_a:g} Pa: the pressure drop of a duct follows from its "
+                "flow; give K_dm, resistance, area or curve instead"
             )
 
 
@@ -353,8 +378,8 @@ def _check_probes(case: Sections, geometry: Geometry) -> None:
             solid = _solid_at(geometry, point, slack)
             if solid is not None:
                 raise CaseError(
-                    f"probes.{name}[{index}] = {list(point)} m is inside the {solid}: move the point out, or "
-                    "onto the surface"
+                    f"probes.{name}[{index}] = {list(point)} m is inside the {solid}: move the point out of "
+                    f"the {solid}, or onto its boundary"
                 )
 
 
@@ -380,7 +405,9 @@ def _check_solids(case: Sections, geometry: Geometry) -> None:
     for name, shape in geometry.solids.items():
         first = float(shape.bounds()[0][0])
         if case.waves is not None and first < max(clear, zone):
-            what = f"relaxation zone ends at {zone:g} m" if zone > clear else f"paddle needs {clear:.3g} m"
+            what = (
+                f"relaxation zone ends at {zone:g} m" if zone > clear else f"paddle needs {clear:.3g} m free"
+            )
             raise CaseError(
                 f"solid.{name} begins at x = {first:.4g} m, but the {what}: move the solid away from "
                 "the paddle"
@@ -393,13 +420,14 @@ def _check_coast(case: Sections, geometry: Geometry) -> None:
     for key in ("overtopping", "run_up"):
         for name in getattr(case.probes, key):
             if name not in geometry.solids:
-                there = ", ".join(geometry.solids) or "none"
-                raise CaseError(f"probes.{key}: there is no solid {name!r}; the solids are {there}")
+                raise CaseError(
+                    f"probes.{key}: there is no solid {name!r}; {choice(geometry.solids, 'solids')}"
+                )
             top = float(geometry.solids[name].bounds()[1][-1])
             if top <= geometry.depth:
                 raise CaseError(
-                    f"probes.{key}: the crest of {name}, at {top:g} m, is below still water, at "
-                    f"{geometry.depth:g} m, and always overtopped: make the solid higher, or remove the probe"
+                    f"probes.{key}: the crest of {name}, at z = {top:g} m, must be above still water, at "
+                    f"z = {geometry.depth:g} m; make the solid higher, or remove the probe"
                 )
 
 

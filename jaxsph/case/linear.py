@@ -76,11 +76,11 @@ def linear_sea(case: Sections) -> LinearSea:
     platform.
     """
     if not sea_is_linear(case):
-        regular = case.waves is not None and case.waves.kind == "regular"
-        why = 'waves.kind = "regular": use linear_owc' if regular else _missing(case, seas=True)
+        if case.waves is not None and case.waves.kind == "regular":
+            raise CaseError('waves.kind = "regular": use linear_owc, because linear_sea is for other waves')
         raise CaseError(
-            f"{why}: linear theory of a sea needs a device with a linear or quadratic turbine, over a flat "
-            "bed"
+            f"{_missing(case, seas=True)}: linear theory of a sea needs a device with a linear or quadratic "
+            "turbine, over a flat bed"
         )
     a, omega = case.waves.sum_of_waves(Geometry.of(case).depth, case.g)
     K_dm, air = _turbine(case).quadratic or 0.0, _linear_air(case)
@@ -178,12 +178,13 @@ def _missing(case: Sections, seas: bool = False) -> str | None:
     if not seas and case.waves.kind != "regular":
         return f'waves.kind = "{case.waves.kind}"'
     if not case.turbines:
-        return "pto.K_dm is not given"
-    (pto,) = case.turbines
+        return "no turbine is given, for example pto.K_dm"
+    (pto,), (name,) = case.turbines, case.chambers
+    key = "pto" if case.is_device_chamber(name) else f"chamber.{name}.pto"
     if pto.curve is not None or pto.has_relief:
-        return "pto.curve is neither linear nor quadratic" if pto.curve else "pto has a relief valve"
+        return f"{key}.curve is neither linear nor quadratic" if pto.curve else f"{key} has a relief valve"
     if pto.phase is not None:
-        return "pto.phase varies the damping over the wave"
+        return f"{key}.phase varies the damping over the wave"
     if case.device.platform_height:
-        return f"device.platform_height = {case.device.platform_height:g} m"
+        return f"device.platform_height = {case.device.platform_height:g} m makes the bed uneven"
     return None

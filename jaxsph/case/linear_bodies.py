@@ -150,9 +150,9 @@ def _not_covered(case: Sections) -> str:
     """Reason, by the keys of a case, why linear theory does not cover its bodies; empty if the theory
     covers them."""
     if case.waves is None or not has_free_bodies(case):
-        return "linear theory of bodies needs waves, and a body with a free motion (key free)"
+        return "linear theory of bodies needs waves, and a body with a free motion (give free)"
     if case.waves.kind != "regular":
-        return f'waves.kind = "{case.waves.kind}"'
+        return f'waves.kind = "{case.waves.kind}": linear theory of bodies covers regular waves only'
     if case.dim == 3:
         return "tank.width: the tank has three dimensions"
     if case.g == 0.0:
@@ -160,18 +160,23 @@ def _not_covered(case: Sections) -> str:
     if case.tank.column is not None:
         return "tank.column: the water is not at rest at the start"
     for name, body in case.every_body.items():
-        if body.motion is not None or any(
-            v and motion not in body.free for v, motion in zip(body.velocity, MOTIONS, strict=True)
-        ):
+        if body.motion is not None:
             return f"{case.body_key(name)} has a prescribed motion"
+        given = zip(body.velocity, MOTIONS, strict=True)
+        if kept := [motion for v, motion in given if v and motion not in body.free]:
+            return f"{case.body_key(name)}.velocity is a prescribed motion in {', '.join(kept)}"
     if case.duct:
         return f"duct.{next(iter(case.duct))} joins two chambers"
     for name, chamber in case.chambers.items():
         pto, key = chamber.pto, "pto" if name == DEVICE_CHAMBER and case.pto else f"chamber.{name}.pto"
         if pto is None:
             continue
-        if pto.P_a is not None or pto.curve is not None or pto.phase is not None or pto.has_relief:
+        if pto.P_a is not None or pto.curve is not None:
             return f"{key} is neither a linear nor a quadratic turbine"
+        if pto.phase is not None:
+            return f"{key}.phase varies the damping over the wave"
+        if pto.has_relief:
+            return f"{key} has a relief valve"
     return ""
 
 
@@ -185,7 +190,10 @@ def _sloping(geometry: Geometry) -> str:
                 low, high = min(a[1], b[1]), max(a[1], b[1])
                 rise, run = abs(b - a)[::-1]
                 if low < geometry.depth <= high and np.arctan2(rise, run) < STEEP:
-                    return f"solid.{name} slopes at the water surface, and waves break on it"
+                    return (
+                        f"solid.{name} slopes at the water surface by less than {np.rad2deg(STEEP):.0f} "
+                        "degrees, and waves break on such a slope"
+                    )
     return ""
 
 

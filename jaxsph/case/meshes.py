@@ -85,19 +85,22 @@ def read_mesh(path: Path, scale: float = 1.0) -> Triangles:
         raise CaseError(
             f"{path} cannot be read as a mesh; save the mesh again as {path.suffix[1:].upper()}"
         ) from None
-    if not 0 < len(faces) <= MOST_TRIANGLES:
+    if not len(faces):
+        raise CaseError(f"{path} has 0 triangles: must have at least one; save the mesh again")
+    if len(faces) > MOST_TRIANGLES:
         raise CaseError(
-            f"{path} has {len(faces)} triangles: must have at least one, and at most {MOST_TRIANGLES}; "
-            "simplify the surface: details below a spacing of the particles do not matter"
+            f"{path} has {len(faces)} triangles, but at most {MOST_TRIANGLES} are allowed: simplify the "
+            "mesh, because details smaller than a spacing of the particles do not matter"
         )
     mesh = trimesh.Trimesh(vertices, faces, process=True)
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
     mesh.update_faces(mesh.nondegenerate_faces())
     if not mesh.is_watertight:
-        raise CaseError(f"{path}: {_gaps(mesh)}")
+        raise CaseError(f"{path} {_gaps(mesh)}")
     if not mesh.is_winding_consistent:
         raise CaseError(
-            f"{path}: some triangles face outwards and others inwards: unify the normals in your CAD program"
+            f"{path} has triangles that face outwards and others that face inwards: unify the normals in "
+            "your CAD program"
         )
     if mesh.volume < 0.0:
         mesh.invert()
@@ -109,12 +112,12 @@ def _gaps(mesh: Any) -> str:
     edges, count = np.unique(np.asarray(mesh.edges_sorted), axis=0, return_counts=True)
     odd = np.asarray(mesh.vertices)[edges[count != 2]]
     if not len(odd):
-        return "the surface does not enclose a volume"
+        return "does not enclose a volume: close the mesh in your CAD program"
     middle = odd.mean(axis=1)
     place = ", ".join(f"{a:.4g}" for a in middle[np.lexsort(middle.T[::-1])[0]])
     return (
-        f"the surface is not watertight: {len(odd)} edges do not belong to exactly two triangles, the first "
-        f"at ({place}) in the units of the file; close the surface in your CAD program"
+        f"is not watertight: {len(odd)} edges do not belong to exactly two triangles, the first "
+        f"at ({place}) in the units of the file; close the mesh in your CAD program"
     )
 
 

@@ -48,7 +48,7 @@ def read_moordyn(
     if at is None:
         if "wtrdpth" not in options:
             raise CaseError(
-                f"{path}: OPTIONS has no WtrDpth: give mooring.at, the position of the file's origin"
+                f"{path} has no WtrDpth in OPTIONS: give mooring.at, the position of the file's origin"
             )
         at = [0.0, options["wtrdpth"]]
     if not (isinstance(at, list) and len(at) == 2 and all(isinstance(one, int | float) for one in at)):
@@ -57,7 +57,7 @@ def read_moordyn(
     for number, words in file.rows("lines", 6):
         fixed, moving = file.ends(number, words, points)
         if words[1] not in types:
-            raise file.error(number, "the line's type is not among LINE TYPES")
+            raise file.error(number, "the line's type is not among LINE TYPES; correct its name")
         anchor, fairlead = ([x + at[0], _on_bed(z + at[1])] for x, z in (fixed, moving))
         line = types[words[1]] | {
             "body": body,
@@ -107,7 +107,7 @@ class _File:
                 skip = max(skip - 1, 0)
                 continue
             if refused:
-                raise self.error(number, f"{refused} are not available: remove the table")
+                raise self.error(number, f"{refused} are not available; remove the table")
             if here:
                 self.tables[here].append((number, words))
 
@@ -149,7 +149,7 @@ class _File:
             values = [self.number(number, one) for one in words[1:10]]
             diameter, mass, stiffness, damping, bending, *drag = values
             if bending:
-                raise self.error(number, "bending stiffness (EI) is not available: set it to 0")
+                raise self.error(number, "bending stiffness (EI) is not available; set EI to 0")
             found[words[0]] = {
                 "diameter": diameter,
                 "mass": mass,
@@ -167,7 +167,7 @@ class _File:
             kind = words[1].lower()
             x, y, z = (self.number(number, one) for one in words[2:5])
             if abs(y) > ON_PLANE:
-                raise self.error(number, "the point is not in the x-z plane: expected Y = 0")
+                raise self.error(number, "the point is not in the x-z plane; set Y to 0")
             found[words[0]] = "fixed" if kind in FIXED else "moving" if kind in MOVING else "other", x, z
         return found
 

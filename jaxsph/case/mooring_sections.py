@@ -64,11 +64,10 @@ class MooringSection(Section):
         dynamic = "segments", "damping", "drag", "added_mass", "bed_stiffness", "bed_damping"
         given = [key for key in dynamic if key in self.changed]
         if self.kind == "catenary" and given:
-            raise ValueError(
-                f'{", ".join(given)}: for kind = "line" only: remove these keys, or change the kind'
-            )
+            gone = "these keys" if len(given) > 1 else "the key"
+            raise ValueError(f'only kind = "line" has {", ".join(given)}; set this kind, or remove {gone}')
         if self.kind == "line" and (self.mass is None or self.drag is None):
-            raise ValueError('kind = "line" needs mass, diameter and drag')
+            raise ValueError('kind = "line" needs mass, diameter and drag; give all three')
         return self
 
     @property

@@ -14,6 +14,7 @@ from jaxsph.case.bodies import check_position
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.mooring_sections import MooringSection
 from jaxsph.case.scheme import stable_time_step
+from jaxsph.case.section import choice
 from jaxsph.case.sections import Sections
 from jaxsph.case.shapes import carriers, in_tank, initial_position, pivot_of
 from jaxsph.core.points import at_points
@@ -81,6 +82,11 @@ def check_moorings(case: Sections, geometry: Geometry) -> None:
     for name, section in case.mooring.items():
         _check_ends(case, geometry, name, section)
         weight = section.weight_in_water(case.fluid.rho0, case.g)
+        if weight <= 0.0 and case.g == 0.0:
+            raise CaseError(
+                f"mooring.{name}: without gravity (g = 0) a mooring has no weight; use a positive g, or a "
+                "link with slack = true"
+            )
         if weight <= 0.0:
             raise CaseError(
                 f"mooring.{name} weighs {weight:.3g} N/m in water, but must sink: use a larger mass or a "
@@ -92,8 +98,8 @@ def check_moorings(case: Sections, geometry: Geometry) -> None:
             if steps > MOST_SUBSTEPS:
                 raise CaseError(
                     f"mooring.{name}.axial_stiffness = {section.axial_stiffness:g} N: the line would take "
-                    f"{steps} steps in each time step of the water; at most {MOST_SUBSTEPS} are allowed: use "
-                    "a smaller axial_stiffness, damping or bed_stiffness, fewer segments, or "
+                    f"{steps} steps in each time step of the water, but at most {MOST_SUBSTEPS} are allowed; "
+                    "use a smaller axial_stiffness, damping or bed_stiffness, fewer segments, or "
                     'kind = "catenary"'
                 )
 
@@ -102,8 +108,9 @@ def _check_ends(case: Sections, geometry: Geometry, name: str, section: MooringS
     """**Raises** CaseError if a mooring's body does not exist, if the line is too short, if an end is outside
     the tank, or if the anchor is inside a solid."""
     if section.body not in case.every_body:
-        there = ", ".join(case.every_body) or "none"
-        raise CaseError(f"mooring.{name}.body: there is no body {section.body!r}; the bodies are {there}")
+        raise CaseError(
+            f"mooring.{name}.body: there is no body {section.body!r}; {choice(case.every_body, 'bodies')}"
+        )
     slack = 0.01 * case.dx
     for key in ("at", "anchor"):
         check_position(getattr(section, key), f"mooring.{name}.{key}", case.dim)
@@ -112,20 +119,21 @@ def _check_ends(case: Sections, geometry: Geometry, name: str, section: MooringS
         if np.any(point < 0.0) or np.any(point > geometry.upper):
             place, ends = (", ".join(f"{a:.4g}" for a in one) for one in (point, geometry.upper))
             raise CaseError(
-                f"mooring.{name}.{key}: ({place}) m is outside the tank, which extends from 0 to ({ends}) m"
+                f"mooring.{name}.{key}: ({place}) m is outside the tank, which extends from 0 to ({ends}) m; "
+                "move this end into the tank"
             )
     for other in geometry.initial:
         if _depth_in(geometry, other, anchor[None]) > slack:
             raise CaseError(
-                f"mooring.{name}.anchor = {list(section.anchor)} m is inside {other}: move the anchor out, "
-                "or onto the surface"
+                f"mooring.{name}.anchor = {list(section.anchor)} m is inside {other}: move the anchor out "
+                f"of {other}, or onto its boundary"
             )
     span = math.dist(fairlead, anchor)
     if span > (1.0 + MOST_STRETCH) * section.length:
         raise CaseError(
             f"mooring.{name}.length = {section.length:g} m: the distance from the anchor to the fairlead is "
             f"{span:.4g} m, which would stretch the line by {100 * (span / section.length - 1):.3g} % (at "
-            f"most {100 * MOST_STRETCH:g} % is allowed): use a length of at least "
+            f"most {100 * MOST_STRETCH:g} % is allowed); use a length of at least "
             f"{span / (1.0 + MOST_STRETCH):.4g} m"
         )
 
@@ -145,7 +153,7 @@ def _check_path(case: Sections, geometry: Geometry, name: str, section: MooringS
         depth = _depth_in(geometry, other, points)
         if depth > case.dx:
             raise CaseError(
-                f"mooring.{name}: the line at rest passes {depth:.3g} m deep through {other}: move the "
+                f"mooring.{name}: the line at rest passes {depth:.3g} m deep through {other}; move the "
                 "anchor or the fairlead, or change the length"
             )
 

@@ -22,7 +22,7 @@ def check_names(case: Sections) -> None:
         # a solid at rest is not stored in the snapshots
         taken = TAKEN if key.startswith("solid.") else TAKEN + RESERVED
         if name in taken and key not in usual:
-            raise CaseError(f"{key}: the names {', '.join(taken)} are reserved: choose another name")
+            raise CaseError(f"{key}: the names {', '.join(taken)} are reserved; choose another name")
         twice = [other for other, one in named if one == name and other != key]
         if twice:
             raise CaseError(f"{key} and {twice[0]} have the same name: rename one of them")

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from jaxsph.case.basin import basin_notices
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.limits import asked, breaking_height
 from jaxsph.case.scheme import stable_time_step
 from jaxsph.case.sections import Sections
+from jaxsph.case.settling import given_waves
 from jaxsph.case.shapes import ends_at, inertia_of
 from jaxsph.case.speeds import reference_speed, sound_speed
 from jaxsph.waves import theory
@@ -30,15 +33,19 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
     notes = []
     if case.scheme.kind == "weakly_compressible" and sound_speed(case) < 3.0 * reference_speed(case):
         notes.append(
-            f"fluid.c0 = {case.fluid.c0:g} m/s is less than three times the largest speed expected, "
-            f"{reference_speed(case):.3g} m/s: the run stops if water is faster than a third of fluid.c0"
+            f"fluid.c0 = {case.fluid.c0:g} m/s is less than three times the largest speed expected of "
+            f"water and waves, {reference_speed(case):.3g} m/s: use a larger fluid.c0, because the run stops "
+            "if water is faster than a third of fluid.c0"
         )
     for name, stretch in geometry.stretches.items():
         if stretch.narrowest < CHAMBER * case.dx:
-            key = "device.chamber_length" if case.is_device_chamber(name) else f"chamber.{name}"
+            long = "long" if case.dim == 2 else "wide"
+            key = f"chamber.{name}, whose water surface is {stretch.narrowest:.4g} m {long},"
+            if case.is_device_chamber(name):
+                key = f"device.chamber_length = {stretch.narrowest:g} m"
             notes.append(
-                f"{key} = {stretch.narrowest:g} m is only {stretch.narrowest / case.dx:.1f} spacings long: "
-                f"expect an efficiency that is a tenth to a fifth too low ({CHAMBER} or more are usual)"
+                f"{key} is only {stretch.narrowest / case.dx:.1f} spacings {long}: expect an efficiency that "
+                f"is a tenth to a fifth too low, or use a smaller dx ({CHAMBER} spacings or more are usual)"
             )
     if geometry.plate is not None and geometry.plate.thickness < 0.99 * case.dx:
         notes.append(
@@ -53,12 +60,15 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
     if SHORTER * 0.5 * sample < stable:
         notes.append(
             f"output.sample_dt = {sample:g} s limits the time step to {0.5 * sample:.3g} s, but up to "
-            f"{stable:.3g} s is stable: with output.sample_dt = {2.0 * stable:.2g} s or more the run takes "
-            f"{0.5 * sample / stable:.2g} of the time"
+            f"{stable:.3g} s is stable: use output.sample_dt = {2.0 * stable:.2g} s or more, with which the "
+            f"run takes {0.5 * sample / stable:.2g} of the time"
         )
-    if case.waves is None:
-        return notes
-    waves = case.waves
+    return notes if case.waves is None else notes + _wave_notices(case, given_waves(case), geometry)
+
+
+def _wave_notices(case: Sections, waves: Any, geometry: Geometry) -> list[str]:
+    """Notices about the waves of a case: their sampling, breaking, theory, resolution and repetition."""
+    notes = []
     if case.output.sample_dt > SAMPLE * waves.period:
         notes.append(
             f"output.sample_dt = {case.output.sample_dt:g} s is more than a tenth of the waves' period of "
@@ -68,22 +78,28 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
     H, T = waves.highest(geometry.depth, case.g), waves.period
     highest, why = breaking_height(T, geometry.depth, case.g)
     if H > NEAR * highest:
-        which = "" if waves.kind == "regular" else f": the highest wave, {H:.3g} m,"
-        notes.append(f"{asked(waves)}{which} is near breaking, which begins at {highest:.3g} m ({why})")
+        which = "" if waves.kind == "regular" else f": the highest wave, {H:.3g} m high,"
+        breaks = "is near breaking" if H <= highest else "is beyond breaking"
+        notes.append(f"{asked(waves)}{which} {breaks}, which begins at a height of {highest:.3g} m ({why})")
     if waves.kind == "regular":
         notes += theory.theory_limits(H, T, geometry.depth, case.g)
     if waves.height < 3 * case.dx:
         notes.append(
             f"{asked(waves)} is only {waves.height / case.dx:.1f} spacings high; "
-            "expect visible decay along the tank (five or more are usual)"
+            "expect a visible decay of the height along the tank, or use a smaller dx (five spacings or more "
+            "are usual)"
         )
     if waves.kind == "recorded" and waves.left_out > 0.02:
         notes.append(
-            f"{waves.left_out:.0%} of the series' variance is in waves too long or too short for the "
-            "paddle, which are left out"
+            f"waves.{'X' if waves.eta is None else 'eta'}: {waves.left_out:.0%} of the variance is left out, "
+            "because these waves are too long or too short for the paddle, or too small"
         )
     if waves.repeats is not None and case.t1 > waves.repeats:
-        notes.append(f"t1 = {case.t1:g} s: the sea repeats after {waves.repeats:g} s")
+        what = {"focused": "wave group", "recorded": "series"}.get(waves.kind, "sea")
+        longer = ", or a larger waves.duration" if what == "sea" else ""
+        notes.append(
+            f"t1 = {case.t1:g} s: the {what} repeats after {waves.repeats:g} s; use a smaller t1{longer}"
+        )
     return notes
 
 
@@ -99,8 +115,8 @@ def _gauge_notices(case: Sections, geometry: Geometry) -> list[str]:
     reach = GAUGE * case.dx - 1e-9
     return [
         f"probes.gauges[{index}] = {x:g} m: a gauge measures the water up to {reach:.3g} m to either side, "
-        f"but {what} is in this range, from {low:.4g} to {high:.4g} m: the readings mix the levels of both "
-        "sides, or are too low"
+        f"but {what} is in this range, from {low:.4g} to {high:.4g} m; move the gauge, because it would mix "
+        "the levels of both sides, or read too low a level"
         for index, x in enumerate(geometry.gauges)
         for what, low, high in spans
         if low - reach < x < high + reach

@@ -60,13 +60,11 @@ class BlockSection(AbstractShapeSection):
 
     @model_validator(mode="after")
     def _extent(self) -> BlockSection:
-        if len(self.low) != len(self.high) or not all(
-            a < b for a, b in zip(self.low, self.high, strict=True)
-        ):
-            raise ValueError(
-                f"low = {list(self.low)} and high = {list(self.high)} must have the same number of "
-                "coordinates, and every coordinate of low must be less than that of high"
-            )
+        given = f"low = {list(self.low)} and high = {list(self.high)}"
+        if len(self.low) != len(self.high):
+            raise ValueError(f"{given} must have the same number of coordinates")
+        if not all(a < b for a, b in zip(self.low, self.high, strict=True)):
+            raise ValueError(f"every coordinate of low must be less than that of high, but {given}")
         return self
 
     @property
@@ -100,9 +98,9 @@ class BlockSection(AbstractShapeSection):
         if common >= 0.25 * dx:
             fits = f"dx = {common / max(1, math.ceil(common / dx - 1e-9)):.4g} m fits all faces of the block"
         return [
-            f"{key}: the face at {faces[worst]:g} m misses the lattice of {dx:g} m by {off[worst]:.3g} m: "
-            "the water's volume is right, but particles next to the face are not half a spacing away; "
-            f"{fits}"
+            f"{key}: the face at {faces[worst]:g} m misses the lattice of {dx:g} m by {off[worst]:.3g} m, "
+            "and particles next to this face are not half a spacing away, although the water's volume is "
+            f"right; {fits}"
         ]
 
 
@@ -201,14 +199,15 @@ def check_outline(corners: Corners, key: str, dx: float) -> None:
         here = int(lengths.argmin())
         raise CaseError(
             f"{key}: corners {here} and {(here + 1) % len(corners)} are at the same place, "
-            f"{list(corners[here])}: remove one of them (the outline closes by itself)"
+            f"{list(corners[here])}; remove one of them (the outline closes by itself)"
         )
     whole = shapely.Polygon(corners)
     if not whole.is_valid:
         raise CaseError(f"{key}: the sides must not cross or touch each other ({explain_validity(whole)})")
     if whole.buffer(-0.5 * dx, join_style="mitre", mitre_limit=20.0).is_empty:
         raise CaseError(
-            f"{key} is everywhere thinner than a spacing (dx = {dx:g} m), and contains no particle"
+            f"{key} is everywhere thinner than a spacing (dx = {dx:g} m), and contains no particle: "
+            "use a thicker shape, or a smaller dx"
         )
 
 

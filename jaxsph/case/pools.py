@@ -11,6 +11,7 @@ import shapely
 
 from jaxsph.case.air_sections import ChamberSection
 from jaxsph.case.chambers import Stretch, Tank, check_apart_chambers, stretch_between, stretch_in
+from jaxsph.case.section import choice
 from jaxsph.case.sections import Sections
 from jaxsph.core.points import at_points
 from jaxsph.errors import CaseError
@@ -98,7 +99,10 @@ def water_surfaces(case: Sections, tank: Tank) -> dict[str, WaterSurface]:
 def _stretch(key: str, section: ChamberSection, tank: Tank) -> Stretch:
     """Water surface of a chamber in two dimensions."""
     if isinstance(section.at, tuple):
-        raise CaseError(f"{key}.at = {list(section.at)} needs tank.width; in two dimensions give x alone")
+        raise CaseError(
+            f"{key}.at = {list(section.at)} needs tank.width; in two dimensions give between, "
+            "or body with a single position at = x"
+        )
     if section.between is not None:
         return stretch_between(key, section.between, tank)
     assert section.body is not None
@@ -109,8 +113,7 @@ def _carrier(key: str, body: str, tank: Tank) -> AbstractShape:
     """Shape of the body that carries a chamber. **Raises** CaseError if there is no such body."""
     if body in tank.bodies:
         return tank.bodies[body]
-    there = ", ".join(tank.bodies) or "none"
-    raise CaseError(f"{key}.body = {body!r}: there is no such body; the bodies are {there}")
+    raise CaseError(f"{key}.body = {body!r}: there is no such body; {choice(tank.bodies, 'bodies')}")
 
 
 def _pool(key: str, section: ChamberSection, tank: Tank) -> Pool:
@@ -119,7 +122,10 @@ def _pool(key: str, section: ChamberSection, tank: Tank) -> Pool:
     **Raises** CaseError, which names the section `key`, if this water cannot carry a chamber.
     """
     if not isinstance(section.at, tuple):
-        raise CaseError(f"{key}: in a tank with a width give at = [x, y], a point in the chamber, m")
+        instead = "" if section.between is None else ", instead of between"
+        raise CaseError(
+            f"{key}: in a tank with a width give at = [x, y], a point (m) in the chamber{instead}"
+        )
     assert tank.width is not None
     at, carrier = section.at, section.body or ""
     asked = f"{key}.at = {list(at)}"
@@ -131,15 +137,18 @@ def _pool(key: str, section: ChamberSection, tank: Tank) -> Pool:
         shapes = [shape for name, shape in tank.shapes.items() if name.startswith("solid.")]
         low, high = np.zeros(2), np.array([tank.length, tank.width])
     if not shapes:
-        raise CaseError(f"{asked}: there is no solid that could enclose this point: give the chamber's walls")
+        raise CaseError(
+            f"{asked}: there is no solid that could enclose this point; give the chamber's walls as solids"
+        )
     surface = _cuts(np.asarray(at), shapes, (low, high), tank.dx, FINE)(tank.depth)
     if surface is None:
+        who = f"the body {carrier} does" if carrier else "solids do"
         raise CaseError(
-            f"{asked}: solids do not enclose this point at the still water level, z = {tank.depth:g} m: "
-            "choose a point between walls that pierce the surface, or close the gap between them"
+            f"{asked}: {who} not enclose this point at the still water level, z = {tank.depth:g} m; choose a "
+            "point between walls that pierce the surface, or close the gap between these walls"
         )
     if surface.interiors:
-        raise CaseError(f"{asked}: a solid pierces the surface in the chamber: move it out of the chamber")
+        raise CaseError(f"{asked}: a solid pierces the surface in the chamber; move this solid out")
     cut = _cuts(np.asarray(at), shapes, (low, high), tank.dx, COARSE)
     # the section is taken through solids thickened by a seam
     seam = SEAM * tank.dx
@@ -150,7 +159,7 @@ def _pool(key: str, section: ChamberSection, tank: Tank) -> Pool:
     top += seam if roofed else -seam
     if carrier and not roofed:
         raise CaseError(
-            f"{asked}: the hollow of {carrier!r} is open at the top (z = {top:.4g} m): add a roof on "
+            f"{asked}: the hollow of {carrier!r} is open at the top (z = {top:.4g} m); add a roof on "
             "which the air pressure can act"
         )
     corners = np.asarray(surface.simplify(CLOSE * tank.dx).exterior.coords)[:-1]
@@ -227,7 +236,7 @@ def _check(pool: Pool, cut: CutAt, tank: Tank) -> None:
         if abs(area / pool.surface - 1.0) > UPRIGHT:
             raise CaseError(
                 f"{pool.given}: the chamber's area is {pool.surface:.4g} m2 at still water and {area:.4g} m2 "
-                f"at z = {level:.4g} m: in three dimensions a chamber needs upright walls"
+                f"at z = {level:.4g} m; in three dimensions a chamber needs upright walls"
             )
 
 
@@ -236,6 +245,6 @@ def _check_apart(pools: Mapping[str, Pool]) -> None:
     for (a, one), (b, other) in itertools.combinations(pools.items(), 2):
         if shapely.Polygon(one.corners).intersection(shapely.Polygon(other.corners)).area > 0.0:
             raise CaseError(
-                f"chamber.{a} and chamber.{b}: their water surfaces overlap: change chamber.{a}.at or "
+                f"chamber.{a} and chamber.{b}: their water surfaces overlap; change chamber.{a}.at or "
                 f"chamber.{b}.at"
             )

@@ -83,7 +83,9 @@ class Resting:
         self.parts = self.mechanism.start(np.float64)
         for link in links:
             if jax.tree.leaves(self.parts[link.name].own):
-                raise ValueError(f"the force of {link.name} depends on its history (a latch, a line)")
+                raise ValueError(
+                    f'the force of {link.name} depends on its history (a latch, or kind = "line")'
+                )
         self.moving = [body for body in bodies if not body.fixed]
         self.free = np.concatenate([np.array(body.joint.free, bool) for body in bodies])
         self._posture, self._second = jax.jit(self._posture_of), jax.jit(self._derivatives)
@@ -165,7 +167,10 @@ class Resting:
             least = 1e-6 * max(float(values[-1]), g / depth)
             if np.max(np.abs(force)) < BALANCED * g * float(np.sqrt(np.sum(size**2))):
                 if values[0] < -least:
-                    raise ValueError("the bodies have no stable equilibrium near their positions at rest")
+                    raise ValueError(
+                        "the bodies have no stable equilibrium near their positions at rest: lower their "
+                        "centres of mass, or hold them by links"
+                    )
                 return q, stiffness
             firm = values > least
             step = ways[:, firm] @ ((ways[:, firm].T @ force) / values[firm]) / size

@@ -70,8 +70,9 @@ class SettledPeriods(AbstractAveraging):
             ]
         found = []
         if window.left_out and window.periods < FEW:
+            periods = "periods" if window.periods > 1 else "period"
             found.append(
-                f"results are averaged over {window.periods} periods only, because the {window.left_out} "
+                f"results are averaged over {window.periods} {periods} only, because the {window.left_out} "
                 "before them had not settled: raise t1"
             )
         if "xi" in results and results.get("reflection", 0.0) > REFLECTING:
@@ -243,11 +244,11 @@ def _energy_of_a_group(case: Sections, record: Record) -> dict[str, float]:
     if power is None:
         return results
     if not np.all(record.window.over):
-        raise ValueError("the run was changed while the group was passing: start a new run with --set")
+        raise ValueError("the run was changed while the group was passing; start a new run with the new keys")
     t, x = record.t, _device_x(case)
     come = incident_energy(case, x, travel_time(case, x), float(t[-1])) / whole if t[-1] > 0.0 else 0.0
     if come < WHOLE:
-        raise ValueError(f"only {come:.0%} of the group's energy has reached x = {x:.3g} m: raise t1")
+        raise ValueError(f"only {come:.0%} of the group's energy has reached x = {x:.3g} m; raise t1")
     return results | _share(case, float(np.sum(power[1:] * np.diff(t))) / whole)
 
 
@@ -271,9 +272,13 @@ def _reflection(case: Sections, record: Record) -> dict[str, float]:
     x = np.asarray(Geometry.of(case).gauges)[chosen]
     if len(x) < 3:
         first, last = _free_flume(case)
+        if first >= last:
+            raise ValueError(
+                "no gauge can be far enough from the paddle, absorbing zones and solids; use a longer tank"
+            )
         raise ValueError(
-            f"it needs three gauges or more between x = {first:g} and {last:g} m, where the waves are free, "
-            f"but there are {len(x)}: see probes.gauges"
+            f"three gauges or more are needed between x = {first:g} and {last:g} m, where evanescent waves "
+            f"are negligible, but there are {len(x)}; add gauges to probes.gauges"
         )
     t, over, depth = record.t, record.window.over, float(solution.model.depth)
     if waves.kind == "regular":
@@ -342,7 +347,8 @@ def mean_of_power(case: Sections, of: str) -> MeanOfRecord:
     """
     if not case.turbines and not case.has_take_off:
         raise CaseError(
-            f"of = {of!r} needs a turbine, such as pto.K_dm, a body with body.pto, or a link with take_off"
+            f"of = {of!r} needs a turbine (for example pto.K_dm), a body with body.pto, or a link with "
+            "take_off"
         )
     if of == "energy_pto":
         return energy_of_power(case.output.sample_dt)
@@ -351,7 +357,9 @@ def mean_of_power(case: Sections, of: str) -> MeanOfRecord:
     if of == "xi" and case.tank.width is not None:
         raise CaseError("of = 'xi': a tank with a width has no efficiency; use of = 'P_owc', the mean power")
     waves = case.waves
-    if waves is None or settled_periods(case, case.t1 - case.output.sample_dt) < 1:
+    if waves is None:
+        raise CaseError(f"of = {of!r} needs waves: give [waves], or use of = 'energy_pto'")
+    if settled_periods(case, case.t1 - case.output.sample_dt) < 1:
         raise CaseError(
             f"of = {of!r} needs a whole wave period after the transient: raise t1 = {case.t1:g} s"
         )

@@ -53,9 +53,9 @@ def shortest_limit(case: Sections) -> str:
 
 def remedies(case: Sections) -> Remedies:
     """Advice on which keys of a case to change if the run fails, by the kind of failure."""
-    rim = "raise tank.height and continue: jaxsph resume FILE --set tank.height={higher}; "
+    rim = "raise tank.height and continue with jaxsph resume FILE --set tank.height={higher}, "
     found = {
-        Trouble.OVER_RIM: rim + 'or let water leave: tank.rim = "open"',
+        Trouble.OVER_RIM: rim + 'or let water leave with tank.rim = "open"',
         Trouble.THROUGH_WALL: "reduce scheme.cfl or dx",
         Trouble.NOT_CONVERGED: (
             'raise scheme.tolerance, reduce scheme.cfl, or set scheme.solver = "explicit"'

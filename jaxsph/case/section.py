@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
@@ -54,6 +54,11 @@ class Section(BaseModel):
 def by_name(annotation: Any) -> bool:
     """Whether a field holds sections under names chosen in the case, as in `[solid.bed]`."""
     return typing.get_origin(annotation) is dict
+
+
+def choice(names: Collection[str], what: str) -> str:
+    """Advice to choose one of the `names`, in words, or that the case has no `what` if there are no names."""
+    return f"choose from {', '.join(names)}" if names else f"the case has no {what}"
 
 
 def kind_of(kinds: Mapping[str, type[Section]]) -> Callable[[Any], Any]:

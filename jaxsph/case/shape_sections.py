@@ -67,7 +67,7 @@ class ShapeSection(Section):
             *first, last = self.shapes
             raise ValueError(f"give exactly one of {', '.join(first)} and {last}")
         if self.turned is not None and self.given.dim != 3:
-            raise ValueError("turned is only for shapes in three dimensions; in two dimensions remove it")
+            raise ValueError("turned is only for shapes in three dimensions; remove turned")
         return self
 
     @property

@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 
 from jaxsph.case.body_sections import MOTIONS, PLANAR, BodySection
+from jaxsph.case.section import choice
 from jaxsph.case.sections import Sections
 from jaxsph.case.shape_sections import ShapeSection
 from jaxsph.core.points import at_points
@@ -30,7 +31,7 @@ def shape_of(section: ShapeSection, name: str, dim: int, dx: float) -> AbstractS
     given = section.given
     if given.dim != dim:
         raise CaseError(
-            f"{name}: the shape has {given.dim} dimensions, but the tank has {dim}: choose another shape, or "
+            f"{name}: the shape has {given.dim} dimensions, but the tank has {dim}; choose another shape, or "
             f"{'give' if dim == 2 else 'remove'} tank.width"
         )
     given.check(f"{name}.{section.shape_key}", dx)
@@ -44,7 +45,8 @@ def check_inside(corners: np.ndarray, name: str, upper: Sequence[float], slack: 
     if out.any():
         at = ", ".join(f"{a:.4g}" for a in corners[out][0])
         raise CaseError(
-            f"{name} extends outside the tank at ({at}) m; the tank extends from 0 to {list(upper)} m"
+            f"{name} extends outside the tank at ({at}) m: move {name} into the tank, which extends from 0 "
+            f"to {list(upper)} m, or enlarge the tank"
         )
 
 
@@ -109,8 +111,8 @@ def check_dimensions(section: BodySection, key: str, dim: int) -> None:
     beyond = [one for one in section.free if one not in PLANAR]
     if beyond:
         raise CaseError(
-            f"{key}.free: {', '.join(beyond)}: only available in three dimensions: give tank.width, or leave "
-            f"out these motions; in two dimensions there are {', '.join(PLANAR)}"
+            f"{key}.free has {', '.join(beyond)}, but a two-dimensional case has only {', '.join(PLANAR)}: "
+            "remove the other motions, or give tank.width to make the case three-dimensional"
         )
     motion = section.motion
     values: dict[str, tuple[Any, int]] = {
@@ -127,7 +129,10 @@ def check_dimensions(section: BodySection, key: str, dim: int) -> None:
     for name, (value, count) in values.items():
         if value is not None and np.size(value) != (count or 1):
             asked = f"{count} values" if count > 0 else "a single number" if count == 0 else "no values"
-            raise CaseError(f"{key}.{name}: must have {asked} in two dimensions; for three, give tank.width")
+            raise CaseError(
+                f"{key}.{name}: must have {asked} in a two-dimensional case; give tank.width to make the "
+                "case three-dimensional"
+            )
 
 
 def turned(corners: np.ndarray, body: BodySection) -> np.ndarray:
@@ -204,8 +209,8 @@ def _tensor_about_centre(section: BodySection, shift: np.ndarray, key: str) -> n
     if moments[0] <= 0.0 or moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-6):
         listed = ", ".join(f"{one:.4g}" for one in moments)
         raise CaseError(
-            f"{key}.inertia = {list(given)}: no body has these moments of inertia: those about the centre of "
-            f"mass would be {listed}; each must be positive, and at most the sum of the other two"
+            f"{key}.inertia = {list(given)}: no body has these moments of inertia, because those about the "
+            f"centre of mass would be {listed}; each must be positive, and at most the sum of the other two"
         )
     return about
 
@@ -218,10 +223,10 @@ def in_order(case: Sections) -> dict[str, BodySection]:
     sections, found = case.every_body, {}
     for name, section in sections.items():
         if section.joined_to is not None and section.joined_to not in sections:
-            others = ", ".join(other for other in sections if other != name) or "none"
+            others = choice([other for other in sections if other != name], "other bodies")
             raise CaseError(
-                f"{case.body_key(name)}.joined_to = {section.joined_to!r}: there is no such body; the bodies "
-                f"are {others}. Without joined_to the body is joined to the tank"
+                f"{case.body_key(name)}.joined_to = {section.joined_to!r}: there is no such body; {others}, "
+                "or remove joined_to to join the body to the tank"
             )
     while len(found) < len(sections):
         ready = {
@@ -232,8 +237,8 @@ def in_order(case: Sections) -> dict[str, BodySection]:
         if not ready:
             circle = sorted(sections.keys() - found)
             raise CaseError(
-                f"{', '.join(case.body_key(name) for name in circle)}: joined_to forms a loop "
-                "among these bodies: join one body of the loop to the tank (remove its joined_to)"
+                f"{', '.join(case.body_key(name) for name in circle)}: joined_to forms a loop; "
+                "join one body of the loop to the tank (remove its joined_to)"
             )
         found |= ready
     return found

@@ -56,7 +56,7 @@ class CylinderSection(AbstractShapeSection):
     @model_validator(mode="after")
     def _extent(self):
         if self.foot == self.head:
-            raise ValueError(f"foot and head are the same point, {list(self.foot)}: the shape has no length")
+            raise ValueError(f"foot and head are the same point, {list(self.foot)}; move one of them")
         return self
 
     def check(self, key, dx):
@@ -142,7 +142,7 @@ class ExtrusionSection(AbstractShapeSection):
             raise ValueError("give exactly one of x, y and z: the ends of the prism along its axis")
         low, high = getattr(self, given[0])
         if low >= high:
-            raise ValueError(f"{given[0]} = {[low, high]}: must be an increasing pair")
+            raise ValueError(f"{given[0]} = {[low, high]} must be an increasing pair")
         return self
 
     @property
@@ -190,14 +190,15 @@ class MeshSection(AbstractShapeSection):
         if (least := float(extent.min())) < dx:
             raise CaseError(
                 f"{key} extends over {least:.4g} m along one axis, but must extend over at least one "
-                f"spacing (dx = {dx:g} m); scale gives the metres per unit of the file"
+                f"spacing: use dx of at most {least:.3g} m, or correct scale (scale gives the metres per "
+                "unit of the file)"
             )
         points = float(np.prod(extent / (FINE * dx) + 2 * MARGIN))
         if points > MOST_POINTS:
             raise CaseError(
                 f"{key}: the grid of distances would have {points:.3g} points, but at most "
-                f"{MOST_POINTS:.3g} are allowed: use a larger dx, or a smaller mesh; scale gives the metres "
-                "per unit of the file"
+                f"{MOST_POINTS:.3g} are allowed; use a larger dx, or correct scale (scale gives the metres "
+                "per unit of the file)"
             )
 
     def shape(self, dx):

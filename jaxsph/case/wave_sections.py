@@ -80,7 +80,9 @@ class BichromaticWavesSection(AbstractWavesSection):
     @model_validator(mode="after")
     def _two(self) -> BichromaticWavesSection:
         if abs(self.T[0] / self.T[1] - 1.0) < 1e-3:
-            raise ValueError(f"T = {list(self.T)}: the two periods must differ by at least a thousandth")
+            raise ValueError(
+                f"the two periods must differ by at least a thousandth, not T = {list(self.T)} s"
+            )
         return self
 
     @property
@@ -161,14 +163,14 @@ class IrregularWavesSection(_SpectralSection):
         grown = self.spectrum == "pierson_moskowitz"
         if grown != (self.Hs is None):
             raise ValueError(
-                f"Hs = {self.Hs}: the height of a Pierson-Moskowitz sea follows from Tp; remove the key, or "
-                'set spectrum = "bretschneider"'
+                f"Hs = {self.Hs:g} m cannot be given, because the height of a Pierson-Moskowitz sea follows "
+                'from Tp; remove Hs, or set spectrum = "bretschneider"'
                 if grown
-                else f'spectrum = "{self.spectrum}" needs waves.Hs'
+                else f'spectrum = "{self.spectrum}" needs waves.Hs, the significant wave height; give Hs'
             )
         if not 16.0 * self.Tp <= self.repeats <= MOST_PERIODS * self.Tp:
             raise ValueError(
-                f"duration = {self.duration:g} s: must be 16 to {MOST_PERIODS} peak periods "
+                f"duration = {self.duration:g} s must be 16 to {MOST_PERIODS} peak periods "
                 f"({16.0 * self.Tp:g} to {MOST_PERIODS * self.Tp:g} s)"
             )
         return self
@@ -179,15 +181,15 @@ class IrregularWavesSection(_SpectralSection):
             return self
         if self.second_order:
             raise ValueError(
-                f"spreading = {self.spreading:g}: a directional sea is of first order: set second_order = "
-                "false, or remove the key"
+                f"spreading = {self.spreading:g} makes a directional sea, which is of first order; set "
+                "second_order = false, or remove spreading"
             )
         beyond = spectra.spread_beyond(self.spreading, self._within)
         if beyond > BEYOND:
             raise ValueError(
-                f"spreading = {self.spreading:g}: {beyond:.0%} of the energy would travel at more than "
-                f"{STEEPEST:.3g} rad (80 degrees) from the tank's axis, but at most {BEYOND:.0%} is allowed: "
-                "use a larger exponent, or a smaller direction"
+                f"with spreading = {self.spreading:g}, {beyond:.0%} of the energy would travel at more than "
+                f"{STEEPEST:.3g} rad (80 degrees) from the tank's axis, but at most {BEYOND:.0%} is allowed; "
+                "use a larger spreading, or a direction closer to 0"
             )
         return self
 
@@ -239,7 +241,8 @@ class FocusedWavesSection(_SpectralSection):
     @model_validator(mode="after")
     def _soon(self) -> FocusedWavesSection:
         if self.t > 0.25 * MOST_PERIODS * self.Tp:
-            raise ValueError(f"t = {self.t:g} s: must be at most {0.25 * MOST_PERIODS:g} peak periods")
+            most = 0.25 * MOST_PERIODS
+            raise ValueError(f"t = {self.t:g} s must be at most {most:g} peak periods, {most * self.Tp:g} s")
         return self
 
     @property
@@ -287,25 +290,33 @@ class RecordedWavesSection(AbstractWavesSection):
     @model_validator(mode="after")
     def _series(self) -> RecordedWavesSection:
         if (self.eta is None) == (self.X is None):
-            raise ValueError("give one of waves.eta (elevations) and waves.X (displacements of the paddle)")
+            raise ValueError(
+                "give exactly one of waves.eta (elevations) and waves.X (displacements of the paddle)"
+            )
         t, values = np.array(self.t), np.array(self.X if self.eta is None else self.eta)
         if len(t) != len(values):
-            raise ValueError(f"{len(t)} times and {len(values)} values: give one value for each time")
+            raise ValueError(
+                f"t has {len(t)} times, but {'X' if self.eta is None else 'eta'} has {len(values)} values; "
+                "give one value for each time"
+            )
         if self.X is not None and self.x:
             raise ValueError(
-                "x is the position at which eta was recorded: remove x, or give eta instead of X"
+                f"x = {self.x:g} m is the position at which eta was recorded; remove x, or give eta instead "
+                "of X"
             )
         step = np.diff(t)
         usual = float(np.median(step))
-        if not usual > 0.0 or np.any(np.abs(step - usual) > 0.02 * usual):
+        if not usual > 0.0:
+            raise ValueError("t must increase from one sample to the next, in s; sort or correct the times")
+        if np.any(np.abs(step - usual) > 0.02 * usual):
             k = int(np.argmax(np.abs(step - usual)))
             raise ValueError(
-                f"t has a gap or a jump: {step[k]:g} s from t = {t[k]:g} s to the next sample, while samples "
-                f"are usually {usual:g} s apart; times must be in s and evenly spaced: fill or resample the "
-                "series"
+                f"t has a gap or a jump of {step[k]:g} s from t = {t[k]:g} s to the next sample, while "
+                f"samples are usually {usual:g} s apart; fill or resample the series, with evenly spaced "
+                "times in s"
             )
         if not np.std(values) > 0.0:
-            raise ValueError("the series does not vary: it contains no waves")
+            raise ValueError("the series does not vary, and contains no waves; give a series of waves")
         return self
 
     @property

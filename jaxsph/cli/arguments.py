@@ -183,21 +183,22 @@ def values_of(text: str, option: str = "--grid") -> tuple[str, list[float]]:
     from jaxsph.study.sweep import MOST_MEMBERS
 
     key, equals, value = (part.strip() for part in text.partition("="))
+    shown, before = (text, "KEY=") if option == "--grid" else (value, "")
     values: list[float] = []
     with contextlib.suppress(ValueError):  # values that are not numbers are refused below
         if value.count(":") == 2:
             first, last, number = value.split(":")
             count = int(number)
             if count > MOST_MEMBERS:
-                raise CaseError(f"{option} {text!r}: COUNT must be {MOST_MEMBERS} or less")
+                raise CaseError(f"{option} {shown!r}: COUNT must be {MOST_MEMBERS} or less")
             step = (float(last) - float(first)) / max(count - 1, 1)
             values = [float(first) + k * step for k in range(count)]
         else:
             values = [float(part) for part in value.split(",")]
     if not key or not equals or not values or not all(map(math.isfinite, values)):
         raise CaseError(
-            f"{option} {text!r}: must be KEY=VALUE,VALUE or KEY=FIRST:LAST:COUNT, with finite numbers and a "
-            "COUNT of 1 or more"
+            f"{option} {shown!r}: must be {before}VALUE,VALUE or {before}FIRST:LAST:COUNT, with finite "
+            "numbers and a COUNT of 1 or more"
         )
     if "." not in value and all(one.is_integer() and abs(one) < 2**53 for one in values):
         values = [int(one) for one in values]  # a seed must be an integer
@@ -209,7 +210,7 @@ def each_once(pairs: Iterable[tuple[str, Any]], option: str) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for key, value in pairs:
         if key in found:
-            raise CaseError(f"{option} {key} is given twice; give all values in one {option}")
+            raise CaseError(f"{option} {key} is given twice; use only one {option} for each key")
         found[key] = value
     return found
 

@@ -61,7 +61,9 @@ def show(
 
 
 def new(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Writes NAME.toml.")],
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="Case file to write; .toml is added if missing.")
+    ],
     like: Annotated[
         str,
         typer.Option("--like", metavar="CASE", help="Case to start from.", autocompletion=complete_case),
@@ -85,7 +87,7 @@ def new(
             raise FileError(f"{path} already exists; choose another NAME, or remove the file") from None
         except OSError as error:
             raise FileError(f"{path} cannot be written: {error.strerror or error}") from None
-        typer.echo(f"{path}: jaxsph check {path}, then jaxsph run {path}")
+        typer.echo(f"wrote {path}; next: jaxsph check {path}, then jaxsph run {path}")
 
 
 def cases() -> None:

@@ -47,7 +47,9 @@ def coefficients(  # its arguments are the options of the command
     motion: Annotated[
         list[str] | None,
         typer.Option(
-            "--motion", help="surge, heave or pitch; default: all in which a body is free. Repeatable."
+            "--motion",
+            help="surge, heave or pitch; default: all in which a body is free or is carried by another body. "
+            "Repeatable.",
         ),
     ] = None,
     amplitude: Amplitude = None,
@@ -150,18 +152,22 @@ def _rows(found: Any) -> list[tuple[str, str]]:
 def _doubts(loaded: Any, found: Any) -> list[str]:
     """Notes on the coefficients: their convention, large spreads, and a tank without a sponge."""
     notes = [
-        "values are per metre of width; +- is the standard deviation from period to period; the force in "
-        f"waves with the elevation a cos(omega t) at x = {found.x:g} m is a |X| cos(omega t + phase)"
+        "values are per metre of width; +- is the standard deviation from period to period",
+        f"in waves with the elevation a cos(omega t) at x = {found.x:g} m, the force is "
+        "a |X| cos(omega t + phase)",
     ]
     if loaded.sponge is None:
-        notes.append("there is no sponge: the coefficients include the reflection from the tank's far end")
+        notes.append(
+            "there is no sponge, so the coefficients include the reflection from the tank's far end: add a "
+            "sponge to reduce this reflection"
+        )
     size = np.abs(found.B.diagonal(axis1=1, axis2=2))
     wide = found.B_spread.diagonal(axis1=1, axis2=2) > FAR_OFF * size
     if np.any(wide):
         w, i = np.argwhere(wide)[0]
         notes.append(
-            f"the damping in {found.modes[i].motion} at T = {2.0 * np.pi / found.omega[w]:.4g} s varies by "
-            f"{found.B_spread[w, i, i] / size[w, i]:.0%} from period to period: use a larger amplitude, more "
-            "cycles or a smaller dx"
+            f"the damping of {found.modes[i].body} in {found.modes[i].motion} at T = "
+            f"{2.0 * np.pi / found.omega[w]:.4g} s varies by {found.B_spread[w, i, i] / size[w, i]:.0%} from "
+            "period to period: use a larger amplitude, more cycles or a smaller dx"
         )
     return notes

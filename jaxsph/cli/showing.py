@@ -31,7 +31,8 @@ def plot(
         bool, typer.Option("--animation/--no-animation", help="Animate the snapshots.")
     ] = True,
     vtk: Annotated[
-        Path | None, typer.Option("--vtk", metavar="FILE", help="Also export the particles for ParaView.")
+        Path | None,
+        typer.Option("--vtk", metavar="FILE", help="Also export the particles to this file, for ParaView."),
     ] = None,
     linear: Annotated[
         bool, typer.Option("--linear", help="Add linear theory to the picture of the chamber.")
@@ -51,7 +52,8 @@ def plot(
         opened = RunFile.open(file)
         if linear and "program" in opened.case_keys():
             raise CaseError(
-                f"--linear: {file} was made by a Python program; linear theory is available only for cases"
+                f"--linear: {file} was made by a Python program; linear theory is available only for cases; "
+                "omit --linear"
             )
         expected = js.linear_owc(js.Case.from_dict(opened.case_keys())) if linear else None
         for path in plot_run(opened, folder=folder, animation=animation, linear=expected):

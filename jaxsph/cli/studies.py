@@ -188,7 +188,7 @@ def slope(  # its arguments are the options of the command
     """Compute the slope of a result with respect to one parameter of the case, with its error."""
     import jaxsph as js
 
-    with messages(INTERRUPTED):
+    with messages(INTERRUPTED if method is Way.ensemble else "interrupted"):
         loaded = load(case, settings, quick)
         out = out if out is not None else Path("runs") / f"{loaded.name}_{over}.h5"
         if not quiet:
@@ -384,12 +384,13 @@ def cluster(address: str | None) -> Iterator[Any]:
     try:
         from distributed import Client
     except ModuleNotFoundError:
-        raise CaseError('--scheduler needs Dask: python -m pip install "jaxsph[cluster]"') from None
+        raise CaseError('--scheduler needs Dask: run python -m pip install "jaxsph[cluster]"') from None
     try:
         client = Client(address, timeout=CLUSTER_TIMEOUT)
     except (OSError, ValueError) as error:
         raise CaseError(
-            f"--scheduler {address}: no Dask scheduler answers there ({error}); see docs/cluster.md"
+            f"--scheduler {address}: no Dask scheduler answers there ({error}); start one as in "
+            "docs/cluster.md"
         ) from None
     with client:
         yield client.get_executor(pure=False)

@@ -31,20 +31,23 @@ def check_parts(model: Model) -> None:
     """
     names = [part.name for part in model.parts]
     energies = [name for part in (*model.parts, model.scheme) for name in part.entries()]
-    for given, what in ((names, "names"), (energies, "energies in the ledger")):
+    for given, what in ((names, "name"), (energies, "energy in the ledger")):
         twice = sorted({name for name in given if given.count(name) > 1})
         if twice:
-            raise ValueError(f"parts share the {what} {', '.join(twice)}: give each part a different name")
+            raise ValueError(
+                f"two or more parts have the same {what} ({', '.join(twice)}): give every part its own name"
+            )
     taken = sorted({part.name for part in (*model.movers(), *model.links)} & set(RESERVED))
     if taken:
         raise ValueError(
-            f"parts are called {', '.join(taken)}, like fields of the particles: rename the parts"
+            f"parts have the names {', '.join(taken)}, but a snapshot needs {', '.join(RESERVED)} for other "
+            "arrays: rename the parts"
         )
     ends = {end for duct in model.ducts for end in duct.between} - {one.name for one in model.chambers}
     if ends:
         raise ValueError(
             f"ducts end at {', '.join(sorted(ends))}, but must end at chambers of the model: give names of "
-            f"chambers ({', '.join(one.name for one in model.chambers) or 'none'})"
+            f"chambers ({', '.join(one.name for one in model.chambers) or 'the model has none'})"
         )
     at_last = jnp.asarray(jnp.inf)
     afloat = [body.name for body in model.bodies if model.forces and np.any(body.joint.movable(at_last))]
@@ -58,6 +61,6 @@ def check_parts(model: Model) -> None:
     needed = sorted((*((model.walls.paddle,) if model.walls.paddle else ()), *model.walls.dummies))
     if given != needed:
         raise ValueError(
-            f"moving walls and bodies have the ghosts {given}, but the walls need {needed}: add a paddle if "
-            "the box has one, and a body or a driven solid for each of the walls' shapes (`dummies`)"
+            f"moving walls and bodies have the ghosts with indices {given}, but the walls need {needed}: "
+            "give a paddle if the box has one, and one body or driven solid for each of the walls' `dummies`"
         )

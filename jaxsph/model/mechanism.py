@@ -116,8 +116,8 @@ class Mechanism(NamedTuple):
             if body.joint.parent not in known:
                 before = ", ".join(sorted(known - {""})) or "none"
                 raise ValueError(
-                    f"{body.name} is joined to {body.joint.parent}, which is not among the bodies before it "
-                    f"({before}): list every body after the body that it is joined to"
+                    f"{body.name} is joined to {body.joint.parent}, which is not among the bodies listed "
+                    f"before {body.name} ({before}): list the joint's parent before {body.name}"
                 )
             known.add(body.name)
         for link in self.links:

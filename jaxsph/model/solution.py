@@ -41,5 +41,5 @@ class Solution(eqx.Module):
     def __getitem__(self, name: str) -> np.ndarray:
         """Series of the reading `name`. **Raises** KeyError if there is no such reading."""
         if name not in self.series:
-            raise KeyError(f"no reading {name!r}; the readings are {', '.join(sorted(self.series))}")
+            raise KeyError(f"no reading {name!r}; use one of {', '.join(sorted(self.series))}")
         return self.series[name]

@@ -161,7 +161,8 @@ class BEMIOFile(AbstractCoefficientFile):
             if off and "pitch" in has and has != set(MOTIONS):
                 raise CaseError(
                     f"{self.path}: WEC-Sim takes moments about the centre of mass, but the pivot of {name} "
-                    "is another point: compute surge, heave and pitch, or give a name that ends in .nc"
+                    f"is another point; compute all of surge, heave and pitch of {name}, or give a file name "
+                    "that ends in .nc"
                 )
 
     def write(self, found):

@@ -99,5 +99,5 @@ def wanted(what: str, libraries: str) -> Iterator[None]:
         yield
     except ImportError as error:
         raise FileError(
-            f'{what} needs {libraries}, and {error.name} is not installed: pip install "jaxsph[analysis]"'
+            f'{what} needs {libraries}, and {error.name} is not installed: run pip install "jaxsph[analysis]"'
         ) from None

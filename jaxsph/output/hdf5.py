@@ -124,8 +124,8 @@ def open_file(path: Path) -> Iterator[h5py.File]:
     except Exception as error:  # HDF5, h5py and numpy raise many kinds of errors for damaged bytes
         what = str(error) if isinstance(error, Damage | OSError) else f"{type(error).__name__}: {error}"
         raise FileError(
-            f"{path} is cut short or damaged ({what}). Restore the file from a copy, or run "
-            "the case again with --overwrite"
+            f"{path} is cut short or damaged ({what}). Restore the file from a copy, or remove the file and "
+            "compute its contents again"
         ) from error
 
 
@@ -194,7 +194,7 @@ def sync(path: Path) -> None:
 
 
 def _no_such_file(path: Path) -> str:
-    return f"{path}: no such file; `jaxsph run CASE --out {path}` creates it"
+    return f"{path}: no such file; give an existing file, or create one with `jaxsph run CASE --out {path}`"
 
 
 def check_signature(path: Path) -> None:
@@ -203,7 +203,7 @@ def check_signature(path: Path) -> None:
     h5py does not distinguish these errors.
     """
     if path.is_dir():
-        raise FileError(f"{path} is a folder; give a run's file (.h5)")
+        raise FileError(f"{path} is a folder; give the file of a run or a sweep (.h5)")
     try:
         with path.open("rb") as file:
             start = file.read(len(_SIGNATURE))
@@ -214,8 +214,8 @@ def check_signature(path: Path) -> None:
     if start == _SIGNATURE:
         return
     if _SIGNATURE.startswith(start):
-        raise FileError(f"{path} is cut short or empty; run the case again with --overwrite")
-    raise FileError(f"{path} is not an HDF5 file; give a file that `jaxsph run` wrote")
+        raise FileError(f"{path} is cut short or empty; remove the file and compute its contents again")
+    raise FileError(f"{path} is not an HDF5 file; give a file that jaxsph wrote")
 
 
 def version() -> str:

@@ -90,8 +90,8 @@ def beside(run: Path) -> Iterator[Journal | None]:
         except Damage as error:
             raise FileError(
                 f"{journal_path(run)} or {checkpoint_path(run)} is damaged ({error}). Restore both from a "
-                "copy, or run the case again with --overwrite. If you remove both, the run's file still "
-                "gives the series up to its last update"
+                "copy, run the case again with --overwrite, or remove both to keep only the series up to the "
+                "last update of the run's file"
             ) from None
 
 

@@ -241,7 +241,8 @@ class RunFile(RunReader):
         if not t[0] > stored:
             raise FileError(
                 f"{self.path} has samples up to t = {stored:g} s, but this run is at {t[0]:g} s: "
-                "another run writes to the same file. Stop one of them, then `jaxsph resume` the file"
+                "another run writes to the same file. Stop one of the two runs, then continue with "
+                f"`jaxsph resume {self.path}`"
             )
         names = set(view.variables())
         if names != set(series):
@@ -259,7 +260,7 @@ def _numbers(values: Mapping[str, float]) -> dict[str, float]:
 
 def _check_series(series: Mapping[str, np.ndarray], variables: Mapping[str, Variable]) -> None:
     if "time" not in series:
-        raise ValueError(f'series {sorted(series)} lack "time"')
+        raise ValueError(f'series {sorted(series)} lack "time": add the times of the samples')
     for name, values in series.items():
         if values.ndim not in (1, 2) or len(values) != len(series["time"]):
             raise ValueError(

@@ -55,6 +55,8 @@ class RunReader:
                 raise FileError(
                     f"{path} is an HDF5 file, but not from jaxsph; give a file that `jaxsph run` wrote"
                 )
+            if file.attrs.get("kind") == "sweep":
+                raise FileError(f"{path} is the file of a sweep; give the file of a run")
             if int(schema) > SCHEMA:
                 raise FileError(
                     f"{path} has file layout {int(schema)}, of jaxsph {file.attrs['jaxsph_version']}; "
@@ -100,7 +102,9 @@ class RunReader:
         try:
             return tomllib.loads(self.case_toml)
         except tomllib.TOMLDecodeError as error:
-            raise FileError(f"{self.path}: the text of the case is damaged ({error})") from None
+            raise FileError(
+                f"{self.path}: the text of the case is damaged ({error}); restore the file from a copy"
+            ) from None
 
     @property
     def settings(self) -> dict[str, int | float]:
@@ -189,7 +193,8 @@ class RunReader:
         """
         count = self.snapshot_count
         if not -count <= i < count:
-            raise IndexError(f"snapshot {i}: {self.path} has {count} snapshots")
+            asked = f"; give a number from {-count} to {count - 1}" if count else ""
+            raise IndexError(f"snapshot {i}: {self.path} has {count} snapshots{asked}")
         i %= count
         with self._view() as view:
             folded, more = len(view.file["snapshots"]), self._snapshots(view)

@@ -137,7 +137,10 @@ class SweepFile:
         check_signature(self.path)
         with open_file(self.path) as file:
             if file.attrs.get("kind") != "sweep":
-                raise FileError(f"{self.path} is not the file of a sweep; give another name")
+                raise FileError(
+                    f"{self.path} is not the file of a sweep; give the name of a sweep's file, or of a new "
+                    "file"
+                )
             about = json.loads(file.attrs.get("about", "{}"))
             labels = json.loads(file.attrs.get("labels", "{}"))
             case, made_by = str(file.attrs["case"]), str(file.attrs["jaxsph_version"])

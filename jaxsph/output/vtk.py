@@ -55,7 +55,7 @@ def _check_replaceable(path: Path) -> None:
     with contextlib.suppress(OSError), h5py.File(path, "r") as file:
         if "VTKHDF" in file:
             return
-    raise FileError(f"{path} exists and is not an earlier export; give another name")
+    raise FileError(f"{path} exists and is not an earlier export; give another name for the export")
 
 
 def _three(a: np.ndarray) -> np.ndarray:

@@ -81,10 +81,9 @@ class AlongJoint(AbstractEnds):
         """
         known = body.joint.coordinates
         if not 0 <= coordinate < len(known):
-            there = ", ".join(f"{index} ({name})" for index, (name, _) in enumerate(known)) or "none"
-            raise ValueError(
-                f"coordinate = {coordinate}: the joint of {body.name} has the coordinates {there}"
-            )
+            there = ", ".join(f"{index} ({name})" for index, (name, _) in enumerate(known))
+            asked = f"must be one of {there}" if there else "the joint has none; choose another body"
+            raise ValueError(f"coordinate = {coordinate} of the joint of {body.name}: {asked}")
         return cls(body.name, coordinate, known[coordinate][1])
 
     @property

@@ -38,8 +38,8 @@ def _joined(
         for name, value in readings.items():
             if name in joined:
                 raise ValueError(
-                    f"the reading {name!r} belongs to two probes, {owner[name]} and {type(probe).__name__}: "
-                    "rename one of the parts that these probes measure, or leave out one of the probes"
+                    f"the reading {name!r} of {type(probe).__name__} has the same name as a reading of "
+                    f"{owner[name]}: rename one of the parts that are measured, or leave out one probe"
                 )
             joined[name], owner[name] = value, type(probe).__name__
     return joined

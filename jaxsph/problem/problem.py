@@ -82,7 +82,7 @@ class Problem:
         for name in ("sample_dt", "t1", "snapshot_dt"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
-                raise CaseError(f"{name} = {value!r} s: must be a positive time")
+                raise CaseError(f"{name} = {value!r} s: must be a positive, finite time")
         steps = self.sample_dt / float(self.model.dt)
         if abs(steps - round(steps)) > 1e-3 * steps:
             raise CaseError(
@@ -148,8 +148,8 @@ class Problem:
 
     def _energy_of(self, of: str) -> MeanOfRecord:
         """Function from the power of power take-offs to their energy from the start to t1, J (J/m in 2-D)."""
-        known = [*self.labels, "energy_pto"]
-        if of in self.labels:
+        known = dict.fromkeys((*self.labels, "energy_pto"))
+        if of != "energy_pto" and of in self.labels:
             raise CaseError(
                 f"of = {of!r}: one run gives the derivative of energy_pto only; use method=js.Ensemble()"
             )
@@ -157,7 +157,7 @@ class Problem:
             raise CaseError(f"of = {of!r}: must be one of {', '.join(known)}")
         if not harvested(self.model):
             raise CaseError(
-                f"of = {of!r}: the model has no power take-off: add one to a chamber or a duct, or add a "
+                f"of = {of!r}: the model has no power take-off; add one to a chamber or a duct, or add a "
                 "link with harvests=True"
             )
         return energy_of_power(self.sample_dt)
@@ -171,7 +171,7 @@ def _with_parts(model: Model, parts: dict[str, Any]) -> Model:
     fields = [field.name for field in dataclasses.fields(Model)]
     for name in parts:
         if name not in fields:
-            raise CaseError(f"{name} is not a field of the model, which has {', '.join(fields)}")
+            raise CaseError(f"{name} is not a field of the model: use one of {', '.join(fields)}")
     given = {name: tuple(value) if isinstance(value, list) else value for name, value in parts.items()}
     changed = dataclasses.replace(model, **given)
     try:

@@ -150,7 +150,7 @@ def _plain(program: Program, name: str, value: Any, default: Any) -> Any:
         return [_plain(program, name, part, None) for part in value]
     if not isinstance(value, VALUES):
         raise CaseError(
-            f"{program.place}: {name} = {value!r}: must be a number, a string, true or false, or a list of "
+            f"{program.place}: {name} = {value!r} must be a number, a string, true or false, or a list of "
             "these"
         )
     whole = isinstance(value, int) and not isinstance(value, bool)
@@ -192,11 +192,11 @@ def _function_at(place: str) -> Callable[..., Problem]:
     if not text.endswith(".py") or not name.isidentifier():
         raise CaseError(f"{place!r}: must be FILE.py:FUNCTION, for example buoy.py:buoy")
     if not file.is_file():
-        raise CaseError(f"{text}: there is no such file")
+        raise CaseError(f"{text}: there is no such file; give FILE.py:FUNCTION with an existing file")
     try:
         module = _loaded.get(str(file)) or _import(file)
     except Exception as error:
-        raise CaseError(f"{text}: importing it raised {type(error).__name__}: {error}") from error
+        raise CaseError(f"{text}: importing this file raised {type(error).__name__}: {error}") from error
     function = getattr(module, name, None)
     if not inspect.isfunction(function):
         here = [

@@ -31,8 +31,8 @@ class Assembled:
     def replace(self, changes: dict[str, Any]) -> Assembled:
         """See `Source.replace`: always **raises** CaseError, since the problem is already built."""
         raise CaseError(
-            f"{', '.join(changes)}: the problem {self.name!r} is already built and cannot change: give the "
-            "function that builds it"
+            f"{', '.join(changes)}: the problem {self.name!r} is already built and cannot change; give the "
+            "function that builds the problem"
         )
 
     def value(self, name: str) -> Any:

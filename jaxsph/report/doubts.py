@@ -43,8 +43,8 @@ def doubts(results: Mapping[str, float], waves: bool) -> list[Doubt]:
         ),
         (
             0 < periods < FEW and not results.get("periods_left_out"),  # else a notice gives this advice
-            f"Results are averaged over {periods:.0f} periods only: raise t1, so that more settled periods "
-            "can be averaged.",
+            f"Results are averaged over {periods:.0f} period{'s' if periods > 1 else ''} only: raise t1, so "
+            "that more settled periods can be averaged.",
             f"are averaged over fewer than {FEW} settled periods: raise t1.",
         ),
         (

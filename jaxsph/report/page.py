@@ -74,8 +74,8 @@ def record_of(paths: Sequence[Path], frames: dict[Path, Frames] | None = None) -
             raise
         except Exception as error:  # damaged contents raise errors of many kinds
             raise FileError(
-                f"{path} cannot be shown ({type(error).__name__}: {error}): it is damaged, or was written "
-                "by another version of jaxsph"
+                f"{path} cannot be shown ({type(error).__name__}: {error}). Restore the file from a copy, or "
+                "use the version of jaxsph that wrote it"
             ) from error
     return pack.compress({"runs": _told_apart(runs), "sweeps": sweeps})
 

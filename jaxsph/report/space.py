@@ -17,7 +17,7 @@ from jaxsph.report.pack import Pack, steps_in_bytes
 from jaxsph.report.solids import Solid, full_pose, inside_any, shaded, solids_of
 from jaxsph.report.surfaces import MOST, MOST_CELLS, HeightGrid, in_levels
 
-MISSING = "The view in three dimensions needs the extra geometry: pip install 'jaxsph[geometry]'."
+MISSING = "The view in three dimensions needs the extra geometry: run pip install 'jaxsph[geometry]'."
 """Sentence on a page in place of the view, if the libraries of the view are not installed."""
 MOST_FRAMES = 300
 """Largest number of frames of a run in three dimensions, so that the surface has enough points in a frame."""

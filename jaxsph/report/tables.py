@@ -58,7 +58,9 @@ def export(path: str | Path, out: str | Path, overwrite: bool = False) -> list[P
         files |= {out.with_name(f"{out.stem}_{one.name}.csv"): [one] for one in others}
     for file in files:
         if file.exists() and not overwrite:
-            raise FileError(f"{file} exists; give another name, or --overwrite")
+            raise FileError(
+                f"{file} exists; give another name with --out, or replace the file with --overwrite"
+            )
     for file, content in files.items():
         with tell_write_errors(file):
             file.parent.mkdir(parents=True, exist_ok=True)

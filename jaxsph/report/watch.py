@@ -46,7 +46,9 @@ class Watch:
         try:
             self._server = ThreadingHTTPServer((HOST, port), _answers_of(self))
         except OSError as error:
-            raise CaseError(f"--port {port}: {error.strerror or error}; give another port, or none") from None
+            raise CaseError(
+                f"--port {port}: {error.strerror or error}; give another port, or omit --port"
+            ) from None
         self._server.daemon_threads = True
 
     @property

@@ -93,8 +93,8 @@ def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> tuple[Star
     before = start.source
     if not isinstance(before, Case):
         raise CaseError(
-            f"{', '.join(changes)}: a program's arguments cannot change during a run: start a new run "
-            "with --set"
+            f"{', '.join(changes)}: only the values of a case can change during a run, not those of the "
+            f"problem {before.name!r}; start a new run with other values"
         )
     case = amended_case(before, changes)
     problem = case.problem()
@@ -105,8 +105,8 @@ def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> tuple[Star
     samples = t / dt
     if abs(samples - round(samples)) > 1e-6 * max(samples, 1.0):
         raise CaseError(
-            f"output.sample_dt = {dt:g} s: the run is at {t:g} s, which is not a multiple of sample_dt: "
-            f"choose a sample_dt that divides {t:g} s"
+            f"output.sample_dt = {dt:g} s: must divide the {t:g} s that the run has reached into a whole "
+            "number of intervals"
         )
     known, found = search_settings(start.model), search_settings(model)
     model = with_settings(
@@ -166,12 +166,13 @@ def amended_case(case: Case, changes: Mapping[str, Any]) -> Case:
 
 def _check_laws(case: Case, new: Case) -> None:
     """**Raises** CaseError if the entries of a power take-off in the energy budget would change."""
-    for before, after in ((case.chambers, new.chambers), (case.duct, new.duct)):
+    sections = ("chamber", case.chambers, new.chambers), ("duct", case.duct, new.duct)
+    for section, before, after in sections:
         for name in before.keys() & after.keys():
             old, now = before[name].pto, after[name].pto
             if old is None or now is None:
                 continue
-            of = "pto" if case.pto is old else f"{name}: pto"
+            of = "pto" if case.pto is old else f"{section}.{name}.pto"
             if old.is_turbine != now.is_turbine:
                 raise CaseError(
                     f"{of} cannot change between a turbine and a prescribed pressure during a run: start a "

@@ -60,15 +60,27 @@ def find_devices(count: int | None) -> tuple[jax.Device, ...]:  # pyright: ignor
     if count < len(found) and jax.process_count() > 1:
         raise CaseError(
             f"devices = {count}: the {jax.process_count()} processes that share the run have {len(found)} "
-            f"devices and must use all of them: omit the number of devices, or give {len(found)}"
+            f"devices and must use all of them; omit the number of devices, or give {len(found)}"
         )
     if len(found) < count:
-        raise CaseError(
-            f"devices = {count}: JAX has only {len(found)} here ({found[0].platform}). The number of CPU "
-            "cores must be set before JAX is first used: give it in the first call of the program, or set "
-            f"XLA_FLAGS=--xla_force_host_platform_device_count={count}"
-        )
+        raise CaseError(_too_few(count, found))
     return tuple(found[:count])
+
+
+def _too_few(count: int, found: list[jax.Device]) -> str:  # pyright: ignore[reportInvalidTypeForm]
+    """Message for a number of devices larger than the number of devices `found`."""
+    most, platform = len(found), found[0].platform
+    only = (
+        f"devices = {count}: JAX has only {most} device{'s' * (most > 1)} ({platform}); give at most {most}"
+    )
+    if platform != "cpu":
+        return only
+    first = f"pass devices = {count} to the program's first js.run, or "
+    return (
+        f"{only}, or set the number of CPU devices before JAX is first used "
+        f"({first if count <= (os.cpu_count() or 1) else ''}set "
+        f"XLA_FLAGS=--xla_force_host_platform_device_count={count})"
+    )
 
 
 def available_cores() -> int:
@@ -98,9 +110,9 @@ def usual_devices(model: Model, state: State) -> int:
 def _obstacle(model: Model) -> str:
     """Reason why a model's particles cannot be shared among devices; empty if they can."""
     if not isinstance(model.search.method, Cells):
-        return "this neighbour search runs on one device only: use the search by cells, or give devices = 1"
+        return "this neighbour search runs on one device only; use the search by cells, or give devices = 1"
     if 0 in dict(model.search.grid.period):
-        return "a tank that is periodic along its length runs on one device only: give devices = 1"
+        return "a tank that is periodic along its length runs on one device only; give devices = 1"
     return ""
 
 

@@ -143,7 +143,7 @@ def load_start(path: str | Path, given: Any = None) -> Start:
     saved = file.checkpoint()
     if not saved:
         raise FileError(
-            f"{path} holds no checkpoint (a killed run keeps it next to the file, in "
+            f"{path} holds no checkpoint (a killed run keeps its checkpoint next to the file, in "
             f"{Path(path).name}.checkpoint): run the case again with --overwrite"
         )
     # the stored progress contains the settings of the last chunk: tables may have grown since the first chunk
@@ -154,8 +154,8 @@ def load_start(path: str | Path, given: Any = None) -> Start:
     if differ:
         few = "; ".join(differ[:5]) + (f"; and {len(differ) - 5} more" if len(differ) > 5 else "")
         raise FileError(
-            f"{path}: this version builds another model from the case: {few}. To avoid mixing two models, "
-            "finish the run with the version that began it, or run the case again"
+            f"{path}: the model that is built now differs from the model of the run ({few}). To avoid mixing "
+            "two models, finish the run with the version of the code that began it, or run the case again"
         )
     return Start(source, problem, model, restored_state(problem.state, saved, path))
 
@@ -264,10 +264,15 @@ def march(
     sample_every = round(sample_dt / float(model.dt))
     last = round(t1 / sample_dt) * sample_every
     start = int(state.step)
-    if last <= start or start % sample_every:
+    now = start * float(model.dt)
+    if start % sample_every:
         raise ValueError(
-            f"t1 = {t1:g} s: must be at least one sample after the state, which is at "
-            f"{start * float(model.dt):g} s and must itself be at the time of a sample"
+            f"sample_dt = {sample_dt:g} s: the state is at {now:g} s, which must be the time of a sample"
+        )
+    if last <= start:
+        raise ValueError(
+            f"t1 = {t1:g} s: must be at least sample_dt = {sample_dt:g} s after the state, which is at "
+            f"{now:g} s"
         )
     bar = tqdm(total=last - start, unit="step", disable=not progress, dynamic_ncols=True)
     advance = functools.partial(

@@ -53,7 +53,14 @@ def join(place: str) -> None:
     try:
         jax.distributed.initialize(**known, heartbeat_timeout_seconds=HEARTBEAT)
     except (ValueError, RuntimeError) as error:
-        raise CaseError(f"process = {place!r}: the processes of the run did not connect: {error}") from error
+        remedy = (
+            "start the run under Slurm or MPI, or give K/N@HOST:PORT"
+            if place == AUTO
+            else "start all N processes, each with its own K and the same N@HOST:PORT"
+        )
+        raise CaseError(
+            f"process = {place!r}: the processes of the run did not connect ({error}); {remedy}"
+        ) from error
 
 
 class Processes:
@@ -96,9 +103,12 @@ class Processes:
                 raise
             others = [f"{k} ({name})" for k, name in enumerate(self.names) if k != self.here]
             lost = f"process {others[0]}" if len(others) == 1 else "one of the processes " + ", ".join(others)
-            remedy = "" if path is None else f"; continue from the last checkpoint with jaxsph resume {path}"
+            remedy = "start the run again"
+            if path is not None:
+                remedy = f"continue from the last checkpoint with jaxsph resume {path}"
             raise SimulationError(
-                f"{lost} has ended, so the run that the processes shared cannot go on{remedy}"
+                f"{lost} has ended or cannot be reached, so the run that the processes shared cannot go on; "
+                f"{remedy}"
             ) from error
 
 

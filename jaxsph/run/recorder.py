@@ -109,7 +109,8 @@ def check_end(start: Start, t1: float, ended: bool = True) -> None:
     if not math.isfinite(t1):
         raise CaseError(f"t1 = {t1:g} s: must be a finite time after the present {now:g} s of the run")
     if round(t1 / dt) < round(now / dt) + ended:
-        raise CaseError(f"t1 = {t1:g} s: the run is already at {now:g} s; give a larger t1")
+        least = now + ended * dt
+        raise CaseError(f"t1 = {t1:g} s: the run is already at {now:g} s; give a t1 of at least {least:g} s")
 
 
 def new_file(path: str | Path, start: Start, overwrite: bool, devices: int = 1) -> RunFile:

@@ -26,8 +26,9 @@ def stored_source(file: RunFile, given: Any = None) -> Source:
     stored = Case.from_dict(keys)
     if given is not None and given != stored:
         raise FileError(
-            f"{file.path} contains a run of the case {stored.name!r}, which differs from the given case "
-            f"{getattr(given, 'name', given)!r}; resume without a case, or run the given case to a new file"
+            f"{file.path} contains a run of the case {stored.name!r}, which differs from the given case or "
+            f"program {getattr(given, 'name', given)!r}; resume the file without giving a case, or run the "
+            "given case to a new file"
         )
     return stored
 
@@ -49,13 +50,18 @@ def _program(path: Path, keys: dict[str, Any], given: Any) -> Source:
     if isinstance(source, Program) and source.arguments != keys.get("arguments"):
         source = _with_arguments(path, source, keys.get("arguments", {}))
     if isinstance(source, Case) or isinstance(source, Assembled) == bool(place):
-        raise FileError(f"{path} was made by {place or 'an assembled problem'}, and not by {source.name!r}")
+        raise FileError(
+            f"{path} was made by {place or 'an assembled problem'}, and not by {source.name!r}; pass the "
+            f"{'function' if place else 'problem'} that made the file"
+        )
     if isinstance(source, Program):
         if Path(source.place).name != Path(place).name:
-            raise FileError(f"{path} was made by {place}, and not by {source.place}")
+            raise FileError(
+                f"{path} was made by {place}, and not by {source.place}; pass the function that made the file"
+            )
         if source.digest != keys["digest"]:
             raise FileError(
-                f"{path}: {place} has changed since the run began, and might build another problem: use the "
+                f"{path}: {place} has changed since the run began, and might build another problem; use the "
                 "unchanged program, or run the changed program to a new file"
             )
     return source
@@ -66,7 +72,8 @@ def _with_arguments(path: Path, program: Program, arguments: dict[str, Any]) -> 
         return program.replace(arguments)
     except CaseError as error:
         raise FileError(
-            f"{path} was made with arguments that the given function does not accept ({error})"
+            f"{path} was made with arguments that the given function does not accept ({error}); pass the "
+            "function that made the file"
         ) from None
 
 

@@ -163,9 +163,11 @@ class Regions(eqx.Module):
         """Checks that every region and ghost set has a bit."""
         bits = self.count + len(self.sets)
         if bits > PLAIN_BIT:
+            bed = " and a raised bed" if self.platforms else ""
+            fewer = ", or division (b)" if len(self.division.regions) > 3 else ""
             raise ValueError(
-                f"{len(self.thin)} plates make {self.count} regions and {len(self.sets)} ghost sets, more "
-                f"than the {PLAIN_BIT} bits available: use fewer plates, or division (b)"
+                f"{len(self.thin)} plates{bed} make {self.count} regions and {len(self.sets)} ghost sets, "
+                f"together more than the {PLAIN_BIT} bits available: use fewer plates{fewer}"
             )
 
     @property

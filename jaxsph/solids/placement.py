@@ -99,12 +99,12 @@ def sliding_velocity(
     for (axis, end), velocity in sliding.items():
         if not box.walls[axis, end]:
             raise ValueError(
-                f"sliding: axis {axis} ({box.sides[axis]}) has no wall at end {end}: remove ({axis}, {end})"
+                f"sliding: axis {axis} ({box.sides[axis]}) has no wall at end {end}; remove ({axis}, {end})"
             )
         if velocity[axis]:
             raise ValueError(
                 f"sliding: the wall at end {end} of axis {axis} can only move along itself, but its velocity "
-                f"{velocity} m/s has a component along that axis: set this component to 0"
+                f"{velocity} m/s has a component along that axis; set this component to 0"
             )
         behind = x[:, axis] > box.high[axis] if end else x[:, axis] < box.low[axis]
         u[behind] += np.asarray(velocity, float)

@@ -82,10 +82,10 @@ def parameter_value(source: Source, parameter: str) -> float:
     """Value of the parameter with this name. **Raises** CaseError if it is missing or not a real number."""
     value = source.value(parameter)
     if value is None:
-        raise CaseError(f"{parameter} is not given in the case: a derivative needs a value to start from")
+        raise CaseError(f"{parameter} is not given in the case: give the value at which the slope is wanted")
     if not isinstance(value, float):
         raise CaseError(
-            f"{parameter} = {value!r}: must be a number that varies continuously, such as pto.K_dm"
+            f"{parameter} = {value!r}: must be a number that varies continuously (a float), such as pto.K_dm"
         )
     return value
 

@@ -71,7 +71,10 @@ class Ensemble(AbstractMethod):
         found = next((done[name] for name in names if name in done.results), nothing)
         known = np.isfinite(found)
         if known.sum() < 4:
-            first = next(iter(done.failures.values()), "the members have no such result")
+            first = next(
+                iter(done.failures.values()),
+                "the runs have no such result, for example because t1 is too small",
+            )
             raise DerivativeError(
                 f"only {known.sum()} of {len(values)} members gave {of}, but a slope needs four: {first}"
             )
@@ -101,7 +104,7 @@ def _as_built(source: Source, parameter: str, values: list[float]) -> list[float
         shown = ", ".join(f"{value:g}" for value in different)
         raise CaseError(
             f"{parameter}: the lattice rounds the values between {values[0]:g} and {values[-1]:g} m to only "
-            f"{shown} m, but a slope needs four values: reduce dx, or increase the spread"
+            f"{shown} m, but a slope needs four values; reduce dx, or increase the spread"
         )
     return different
 

@@ -54,7 +54,7 @@ class ScatterTable:
             )
         if kind == "share" and abs(np.sum(weight) - 1.0) > 1e-3:
             raise CaseError(
-                f"{path}: the sum of the shares is {np.sum(weight):.4g}: must be 1; if the values are "
+                f"{path}: the shares must add up to 1, but add up to {np.sum(weight):.4g}; if the values are "
                 "hours, name the column hours"
             )
         hours = float(np.sum(weight)) if kind == "hours" else None
@@ -63,12 +63,13 @@ class ScatterTable:
     def check_within(self, Hs: ArrayLike, Tp: ArrayLike) -> None:
         """**Raises** CaseError if a sea state of the table lies outside a matrix over Hs (m) and Tp (s)."""
         used = self.share > 0.0
-        for name, axis, values in (("Hs", Hs, self.Hs[used]), ("Tp", Tp, self.Tp[used])):
+        for name, unit, axis, values in (("Hs", "m", Hs, self.Hs[used]), ("Tp", "s", Tp, self.Tp[used])):
             outside = (values < np.min(axis) - 1e-9) | (values > np.max(axis) + 1e-9)
             if np.any(outside):
                 raise CaseError(
-                    f"the table has {name} = {values[outside][0]:g}, but the matrix covers only "
-                    f"{np.min(axis):g} to {np.max(axis):g}"
+                    f"the table has {name} = {values[outside][0]:g} {unit}, but the matrix covers only "
+                    f"{np.min(axis):g} to {np.max(axis):g} {unit}: extend the matrix, or remove this sea "
+                    "state from the table"
                 )
 
 
@@ -107,8 +108,8 @@ class PowerMatrix:
         weight = self._weights(table)
         if np.any(~np.isfinite(self.P) & (weight > 0.0)):
             raise CaseError(
-                "the matrix has sea states whose runs failed: run the matrix again, or remove these sea "
-                "states from the table"
+                "the matrix has no mean power for some sea states of the table: run the matrix again (with a "
+                "larger t1 if no run failed), or remove these sea states from the table"
             )
         P, error = (np.where(weight > 0.0, a, 0.0) for a in (self.P, self.error))
         return Mean(float(np.sum(weight * P)), float(np.sqrt(np.sum((weight * error) ** 2))))
@@ -160,13 +161,18 @@ def power_matrix(
     state is not possible in the tank.
     """
     if not isinstance(case, Case) or case.waves is None or case.waves.kind != "irregular":
-        raise CaseError('a power matrix needs waves.kind = "irregular", as it varies waves.Hs, Tp and seed')
+        raise CaseError(
+            "a power matrix varies waves.Hs, waves.Tp and waves.seed: give a case with "
+            'waves.kind = "irregular"'
+        )
     if not 1 <= seeds <= MOST_MEMBERS:
         raise CaseError(f"seeds = {seeds}: must be from 1 to {MOST_MEMBERS}")
     axes = {"Hs": np.asarray(Hs, float), "Tp": np.asarray(Tp, float)}
     for name, values in axes.items():
         if values.ndim != 1 or not values.size or np.any(np.diff(values) <= 0.0):
-            raise CaseError(f"{name} = {list(values)}: must be at least one value, in ascending order")
+            raise CaseError(
+                f"{name} = {list(values)}: must be one or more values in ascending order, each given once"
+            )
     for height, period in itertools.product(axes["Hs"].tolist(), axes["Tp"].tolist()):
         mean_of_power(case.replace({"waves.Hs": height, "waves.Tp": period}), "P_owc")
     first = case.waves.seed
@@ -183,12 +189,14 @@ def matrix_of(done: Sweep) -> PowerMatrix:
     """Power matrix of a sweep over waves.Hs, Tp and seed. **Raises** CaseError for other sweeps."""
     if [*done.axes] != ["waves.Hs", "waves.Tp", "waves.seed"]:
         raise CaseError(
-            f"a power matrix is a sweep over waves.Hs, Tp and seed, not over {', '.join(done.axes)}"
+            "a power matrix needs a sweep over waves.Hs, waves.Tp and waves.seed, and not over "
+            f"{', '.join(done.axes)}"
         )
     named = [name for name in ("P_owc", "P_pto") if name in done.results]
     if not named:
         raise CaseError(
-            "the runs have no absorbed power: check that a device has a damping, and that t1 is long enough"
+            "no run gave an absorbed power: check that the runs have not failed, that a device has a "
+            "damping, and that t1 is long enough"
         )
     powers = done.results[named[0]]
     # in three dimensions there is neither an efficiency nor its error

@@ -152,7 +152,7 @@ def _check_folder(folder: Path, search: Mapping[str, Any]) -> None:
             stored = json.loads(mark.read_text(encoding="utf-8"))
         except (OSError, ValueError):
             stored = {}
-        refuse_other(folder, "evaluations of a search from another case or by another method", stored, search)
+        refuse_other(folder, "evaluations of another search", stored, search)
     with tell_write_errors(folder):
         folder.mkdir(exist_ok=True)
         mark.write_text(json.dumps(search), encoding="utf-8")
@@ -167,9 +167,7 @@ def _known_evaluations(
     before = stored_identity(file.path, stored.case_toml, stored.version)
     before = before | {"parameters": [*stored.axes]} | stored.about
     now = identity(source.to_toml()) | {"parameters": [*names]} | dict(about)
-    refuse_other(
-        file.path, "a search from another case, for another result or by another method", before, now
-    )
+    refuse_other(file.path, "another search", before, now)
     return [
         {name: float(values[i]) for name, values in stored.axes.items()} | member["results"]
         for i, member in sorted(stored.members.items())

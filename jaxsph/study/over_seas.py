@@ -36,7 +36,7 @@ class OverSeas(AbstractMethod):
         waves = getattr(source, "waves", None)
         if waves is None or waves.kind != "irregular":
             raise CaseError(
-                'a scatter table needs waves.kind = "irregular", as it sets Hs and Tp of the waves'
+                'a scatter table sets waves.Hs and waves.Tp: give a case with waves.kind = "irregular"'
             )
         if of != "P_owc":
             raise CaseError(f"of = {of!r}: over a scatter table it must be 'P_owc', the mean power")

@@ -43,7 +43,7 @@ def refuse_other(
         few = ", ".join(differing[:_FEW])
         more = f" and {len(differing) - _FEW} more" if len(differing) > _FEW else ""
         raise FileError(
-            f"{path} contains {what}, and nothing was changed. The study differs in {few}{more}. Give "
+            f"{path} contains {what}, and nothing was changed. The studies differ in {few}{more}: give "
             f"another name for the output, or remove {remove or path}"
         )
 

@@ -56,7 +56,7 @@ class Sweep:
     def __getitem__(self, name: str) -> np.ndarray:
         """Scalar result `name` over the members."""
         if name not in self.results:
-            raise KeyError(f"no result {name!r}; the results are {', '.join(sorted(self.results))}")
+            raise KeyError(f"no result {name!r}; use one of {', '.join(sorted(self.results))}")
         return self.results[name]
 
 
@@ -95,7 +95,7 @@ def sweep(
     source = source_of(given)
     if os.environ.get(ATTACHED):
         raise CaseError(
-            f"{source.name}: a member of a sweep started a sweep when it imported its program: put "
+            f"{source.name}: a member of a sweep started a sweep when it imported its program; put "
             'everything except imports and definitions under if __name__ == "__main__":'
         )
     batch = checked_batch(workers, batch, executor)
@@ -195,7 +195,7 @@ def _ended_before(
     before = stored_identity(file.path, stored.case_toml, stored.version)
     before = before | _told(stored.axes, stored.shape) | stored.about
     now = identity(source.to_toml()) | _told(axes, shape) | dict(about)
-    refuse_other(file.path, "a sweep of another case or of other values", before, now)
+    refuse_other(file.path, "the runs of another study", before, now)
     return {i: m for i, m in stored.members.items() if not m["failure"]}, stored.meanings
 
 
@@ -225,8 +225,8 @@ def _numbers(name: str, values: Sequence[float]) -> np.ndarray:
         found = np.asarray(None)
     if found.ndim != 1 or not found.size or found.dtype.kind not in "iuf" or not np.all(np.isfinite(found)):
         raise CaseError(
-            f"{name} = {values!r}: must be a list of finite numbers; to vary a string, a boolean or the "
-            "presence of a key, make one case per value with case.replace and run a sweep of each"
+            f"{name} = {values!r}: must be a list of one or more finite numbers; to vary a string, a boolean "
+            "or the presence of a key, make one case per value with case.replace and run a sweep of each"
         )
     return found
 
@@ -240,10 +240,13 @@ def _members(
     lengths = [values.size for values in axes.values()]
     count = math.prod(lengths) if grid else lengths[0]
     if count > MOST_MEMBERS:
-        raise CaseError(f"{' x '.join(map(str, lengths))} members: a sweep has at most {MOST_MEMBERS}")
+        made = " x ".join(map(str, lengths)) if grid else count
+        raise CaseError(f"{made} members: must be at most {MOST_MEMBERS}; give fewer values")
     if not grid and len(set(lengths)) > 1:
         names = ", ".join(axes)
-        raise CaseError(f"values of {names} have lengths {lengths}: a list of members needs equal lengths")
+        raise CaseError(
+            f"values of {names} have lengths {lengths}: with grid=False, give lists of equal length"
+        )
     combined = itertools.product(*axes.values()) if grid else zip(*axes.values(), strict=True)
     sources = [
         source.replace({name: value.item() for name, value in zip(axes, values, strict=True)})
@@ -262,7 +265,7 @@ def check_different(sources: Sequence[Source], names: Sequence[str]) -> None:
             if (one := other.value(name)) != (value := member.value(name)):
                 raise CaseError(
                     f"{name} = {one:g} and {value:g}: the lattice rounds both to {member.built(name):g} m, "
-                    "so that their runs would be equal: give values at least a spacing apart, or reduce dx"
+                    "so that their runs would be equal; give values at least a spacing apart, or reduce dx"
                 )
 
 

@@ -46,7 +46,7 @@ class _ThroughLoop(AbstractMethod):
         """See `AbstractMethod.derivative`."""
         if rough := source.roughness(parameter):
             raise CaseError(
-                f"{parameter}: the model may change discontinuously with it ({rough}); use "
+                f"{parameter}: the model may change discontinuously with this value ({rough}); use "
                 "method=js.Ensemble(), which rebuilds the model for every member"
             )
         problem = source.problem()
@@ -120,7 +120,7 @@ class Exact(_ThroughLoop):
                 f"the exact derivative with respect to {parameter} no longer describes the flow, because "
                 f"particle paths are chaotic: at t = {t:.2f} s it is valid only for changes below "
                 f"{reach:.1g}.\n"
-                "What to change: an earlier t1, method=js.Filtered() or js.Ensemble()"
+                "What to change: use an earlier t1, or method=js.Filtered() or js.Ensemble()"
             )
 
     def _error(self, parameter, source, value, slope):
@@ -157,7 +157,7 @@ class Filtered(_ThroughLoop):
         if not reach > 0.0:
             raise DerivativeError(
                 f"the filtered derivative with respect to {parameter} is no longer finite at t = {t:.2f} s.\n"
-                "What to change: a filter of lower order or shorter interval"
+                "What to change: use a filter of lower order or with a shorter interval"
             )
 
     def _error(self, parameter, source, value, slope):
@@ -212,7 +212,7 @@ def _seed(source: Source, parameter: str, problem: Problem) -> tuple[Any, Any]:
     if not shapes[0] == shapes[1] == shapes[2]:
         less = "" if problem.model.dt.dtype == np.float64 else ", or use float64, where the change is smaller"
         raise CaseError(
-            f"{parameter}: a change of {step:.2g} changes the number of particles or ghost particles: "
+            f"{parameter}: a change of {step:.2g} changes the number of particles or ghost particles; "
             f"compare runs with js.sweep{less}"
         )
     if isinstance(source, Program):
@@ -241,8 +241,9 @@ def _check_smooth(parameter: str, here: list, ahead: list, behind: list) -> None
         jump = np.max(np.abs((more - at) - (at - less)), initial=0.0)
         if jump > CURVED * np.max(np.abs(more - less), initial=0.0) + rounding:
             raise CaseError(
-                f"{parameter}: the model changes discontinuously with it, for example because a length is "
-                "rounded to the lattice; use method=js.Ensemble(), which rebuilds the model for every member"
+                f"{parameter}: the model changes discontinuously with this value, for example because a "
+                "length is rounded to the lattice; use method=js.Ensemble(), which rebuilds the model for "
+                "every member"
             )
 
 

@@ -139,11 +139,12 @@ def linear_motion(water: Hydrodynamics, bodies: SmallMotion, H: float) -> Linear
     linearisation does not converge.
     """
     hulls, chambers = len(water.excitation), len(water.scattered_flow)
-    if bodies.jacobian.shape[0] != hulls or len(bodies.chambers) != chambers or not H > 0.0:
+    if not H > 0.0:
+        raise ValueError(f"H = {H} m must be positive")
+    if bodies.jacobian.shape[0] != hulls or len(bodies.chambers) != chambers:
         raise ValueError(
-            f"jacobian has {bodies.jacobian.shape[0]} rows and chambers has {len(bodies.chambers)} entries "
-            f"for a section of {hulls} motions and {chambers} chambers: these numbers must be equal, "
-            f"and H = {H} must be positive"
+            f"jacobian has {bodies.jacobian.shape[0]} rows and chambers has {len(bodies.chambers)} entries: "
+            f"give {hulls} rows and {chambers} entries, the numbers of the section's motions and chambers"
         )
     ways = np.reshape([one.way for one in bodies.dampings], (len(bodies.dampings), len(bodies.mass)))
     sizes = np.full(len(ways) + chambers, 0.1 * H * water.omega)
@@ -158,7 +159,10 @@ def linear_motion(water: Hydrodynamics, bodies: SmallMotion, H: float) -> Linear
         # the amplitude falls as the equivalent damping rises, so that the geometric mean of the old and the
         # new amplitude converges
         sizes = np.sqrt(np.maximum(after, 1e-12) * np.maximum(sizes, 1e-12))
-    raise ValueError("the equivalent linearisation of the links and turbines does not converge")
+    raise ValueError(
+        f"the equivalent linearisation of the links and turbines does not converge at H = {H:g} m: use a "
+        "smaller wave height"
+    )
 
 
 def _solved(

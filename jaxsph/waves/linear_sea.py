@@ -172,7 +172,7 @@ def integrated_sea_response(
         if change < 1e-8:
             break
     else:
-        raise ValueError(f"the iteration does not converge at K_dm = {K_dm:g} (change {change:.1g})")
+        raise ValueError(f"the iteration does not converge at K_dm = {K_dm:g}: use linear_sea_response")
     flow = in_time(q)
     pressure = K_dm**2 * np.abs(flow) * flow
     level = np.abs(q[1:]) / (every[1:] * water.length)

@@ -45,7 +45,10 @@ class Hull:
         object.__setattr__(self, "outline", corners)
         object.__setattr__(self, "pivot", (float(self.pivot[0]), float(self.pivot[1])))
         if len(corners) < 3 or not shapely.Polygon(corners).is_valid:
-            raise ValueError(f"hull {self.name}: outline must be a polygon whose sides do not cross")
+            raise ValueError(
+                f"hull {self.name}: outline must be a polygon with three or more corners and no crossing "
+                "sides"
+            )
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,7 @@ class Chamber:
         """**Raises** ValueError for a stretch without length."""
         if not self.first < self.last:
             raise ValueError(
-                f"chamber {self.name}: first = {self.first} must be less than last = {self.last}"
+                f"chamber {self.name}: first = {self.first} m must be less than last = {self.last} m"
             )
 
 
@@ -88,17 +91,27 @@ class Section:
             raise ValueError(f"depth = {self.depth} m must be positive")
         names = [one.name for one in (*self.hulls, *self.chambers)]
         if not names:
-            raise ValueError("a section needs a hull or a chamber")
+            raise ValueError("hulls and chambers are both empty: give at least one hull or chamber")
         if len({*names, FREE, RADIATING}) < len(names) + 2:
-            raise ValueError(f"hulls and chambers need different names, not {', '.join(names)}")
+            raise ValueError(
+                f"names of hulls and chambers must all differ, and must not be {FREE!r} or {RADIATING!r}: "
+                f"{', '.join(names)}"
+            )
         for one in self.chambers:
             if one.hull and one.hull not in {hull.name for hull in self.hulls}:
-                raise ValueError(f"chamber {one.name}: there is no hull {one.hull!r}")
+                there = ", ".join(hull.name for hull in self.hulls) or "none"
+                raise ValueError(f"chamber {one.name}: there is no hull {one.hull!r}; give one of {there}")
             if any(one.last > wall + CLOSE * self.depth for wall in self.walls):
-                raise ValueError(f"chamber {one.name}: last = {one.last} m is behind the end wall")
+                raise ValueError(
+                    f"chamber {one.name}: last = {one.last} m is behind the end wall; use at most "
+                    f"{self.end_wall} m"
+                )
         for one, other in itertools.pairwise(sorted(self.chambers, key=lambda c: c.first)):
             if other.first < one.last - CLOSE * self.depth:
-                raise ValueError(f"chambers {one.name} and {other.name} overlap")
+                raise ValueError(
+                    f"chambers {one.name} and {other.name} overlap: {one.name} ends at {one.last} m, so "
+                    f"begin {other.name} there or beyond, and not at {other.first} m"
+                )
 
     @property
     def walls(self) -> tuple[float, ...]:
@@ -163,7 +176,7 @@ def edges(section: Section) -> list[Edge]:
         if abs(wet - (one.last - one.first)) > 1e-3 * (one.last - one.first):
             raise ValueError(
                 f"chamber {one.name}: only {wet:.4g} m of the {one.last - one.first:.4g} m from "
-                f"{one.first:g} to {one.last:g} m are a free surface; the remainder is inside a hull"
+                f"{one.first:g} to {one.last:g} m are a free surface; move first or last out of the hull"
             )
     return found
 

@@ -221,20 +221,26 @@ def theory_limits(H: float, T: float, d: float, g: float = GRAVITY) -> list[str]
     if steepness > miche:
         limits.append(
             f"steepness H/lambda = {steepness:.3g} is over Miche's limit "
-            f"0.142 tanh(kd) = {miche:.3g}: the wave breaks"
+            f"0.142 tanh(kd) = {miche:.3g}: the wave breaks; use a smaller height H"
         )
     if H / d > 0.78:
-        limits.append(f"H/d = {H / d:.3g} is over 0.78: the wave breaks at this depth")
+        limits.append(
+            f"H/d = {H / d:.3g} is over 0.78: the wave breaks at this depth; use a smaller height H"
+        )
     if ursell > _URSELL_LIMIT:
         limits.append(
             f"Ursell number H lambda^2/d^3 = {ursell:.3g} is over 8 pi^2/3 = "
-            f"{_URSELL_LIMIT:.3g}: second-order Stokes theory gives a second crest in the trough"
+            f"{_URSELL_LIMIT:.3g}: second-order Stokes theory gives a second crest in the trough; use a "
+            "smaller height H or period T"
         )
     if kd > np.pi:
         limits.append(
-            f"kd = {kd:.3g} is over pi: deep water, where a piston also moves the water "
-            "below the wave, and the piston's near field is large"
+            f"kd = {kd:.3g} is over pi (deep water): a piston also moves the water below the wave, so its "
+            "near field is large; use a longer period T, or gauges and devices far from the piston"
         )
     if kd < np.pi / 10.0:
-        limits.append(f"kd = {kd:.3g} is under pi/10 = {np.pi / 10.0:.3g}: shallow water, use cnoidal theory")
+        limits.append(
+            f"kd = {kd:.3g} is under pi/10 = {np.pi / 10.0:.3g} (shallow water): cnoidal theory would be "
+            "needed; use a shorter period T"
+        )
     return limits
