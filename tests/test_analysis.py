@@ -287,5 +287,5 @@ def test_decay_per_wavelength_refuses_what_has_none():
         ValueError, match="the largest amplitude is 0 m: give finite amplitudes, not all zero"
     ):
         analysis.decay_per_wavelength(x, 0.0 * x, 1.0)
-    with pytest.raises(ValueError, match="four positions"):
+    with pytest.raises(ValueError, match="four or more positions"):
         analysis.decay_per_wavelength([1.0], [1.0], 1.0)
