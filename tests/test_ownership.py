@@ -235,7 +235,7 @@ def test_a_sweep_of_another_process_excludes_others_until_it_is_killed(tmp_path,
     [["regular", "bichromatic"], [None, 1.0], [True, False], [[1.0], [1.0, 2.0]], [np.nan], [10**30]],
 )
 def test_a_sweep_over_what_is_no_number_is_refused(values, tmp_path, quick):
-    with pytest.raises(CaseError, match="g = .*: must be a list of finite numbers"):
+    with pytest.raises(CaseError, match="g = .*: must be a list of one or more finite numbers"):
         js.sweep(STILL, {"g": values}, tmp_path / "s.h5", progress=False)
     assert not any(tmp_path.iterdir())
 
