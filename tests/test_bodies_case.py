@@ -40,7 +40,7 @@ TIMES = [0.0, 0.1, 0.2, 0.3]
         ),
         (
             {"bodies": {"fore": box(1.0, 1.4, joined_to="aft"), "aft": AFT}},
-            r"bodies.aft, bodies.fore: joined_to forms a loop; join one body of the loop",
+            r"bodies.aft, bodies.fore: joined_to forms a loop; join one body of the loop to the tank",
         ),
         ({"body": box(1.0, 1.4, joined_to="body")}, r"body: joined_to forms a loop"),
         (
@@ -81,7 +81,10 @@ TIMES = [0.0, 0.1, 0.2, 0.3]
             moved(t=TIMES),
             r"motion: give samples of at least one motion \(surge, heave, ...\) together with t",
         ),
-        (moved(t=TIMES[1:], heave=TIMES[1:]), r"motion: t must have at least 4 increasing"),
+        (
+            moved(t=TIMES[1:], heave=TIMES[1:]),
+            r"motion: t must have at least 4 increasing values, the first of which is 0",
+        ),
         (moved(t=[0.0, 0.2, 0.1, 0.3], heave=TIMES), r"motion: t must have .* the first of which is 0"),
     ],
 )

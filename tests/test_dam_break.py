@@ -28,11 +28,17 @@ NEAR = {"probes": {}}
         ({"tank.column": -1.0}, r"tank.column = -1.0: .*greater than or equal to 0"),
         ({"tank.column": 4.0}, r"tank.column = 4 m: must be at most tank.length = 3.22 m"),
         ({"tank.column": 0.03}, r"tank.column = 0.03 m does not fit dx = 0.02 m"),
-        ({"waves": {"H": 0.04, "T": 1.2}}, r"tank.column = 1.2 m is .* but \[waves\] needs"),
-        ({"start": {"amplitude": 0.01}}, r"tank.column = 1.2 m is .* but \[start\] needs"),
+        (
+            {"waves": {"H": 0.04, "T": 1.2}},
+            r"tank.column = 1.2 m is the length of a released column, but \[waves\] needs",
+        ),
+        (
+            {"start": {"amplitude": 0.01}},
+            r"tank.column = 1.2 m is the length of a released column, but \[start\] needs",
+        ),
         (
             {"device": {"chamber_length": 0.3, "wall_thickness": 0.02, "draught": 0.2}},
-            r"tank.column = 1.2 m is .* but \[device\] needs",
+            r"tank.column = 1.2 m is the length of a released column, but \[device\] needs",
         ),
     ],
 )

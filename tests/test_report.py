@@ -590,4 +590,7 @@ def test_members_of_a_sweep_are_doubted_with_their_number(tmp_path):
     file.write(stored.case_toml, stored.axes, stored.shape, stored.members, stored.meanings)
     warnings = sweep_content(file, Pack())["warnings"]
     assert "2 of 2 members are averaged over fewer than 5 settled periods: raise t1." in warnings
-    assert any("1 of 2 members have an energy budget that does not close within 3 %:" in w for w in warnings)
+    open_budget = (
+        "1 of 2 members have an energy budget that does not close within 3 %: do not use their results"
+    )
+    assert f"{open_budget}, and report the case." in warnings

@@ -214,12 +214,11 @@ def _check_standing_wave(case: Sections, geometry: Geometry) -> None:
 def _check_waves(case: Sections, geometry: Geometry) -> None:
     waves = case.waves
     if waves is None:
-        of = {"pto" if case.is_device_chamber(a) else f"chamber.{a}.pto": b for a, b in case.chambers.items()}
-        for key, part in (of | {f"duct.{a}.pto": b for a, b in case.duct.items()}).items():
-            if part.pto is not None and part.pto.phase is not None:
+        for key, pto in case.ptos.items():
+            if pto.phase is not None:
                 raise CaseError(
-                    f"{key}.phase = {list(part.pto.phase)} follows the phase of the waves, but the case has "
-                    "no waves: give [waves], or remove this key"
+                    f"{key}.phase = {list(pto.phase)} follows the phase of the waves, but the case has no "
+                    "waves: give [waves], or remove this key"
                 )
         return
     if case.g == 0.0:

@@ -180,7 +180,7 @@ def _missing(case: Sections, seas: bool = False) -> str | None:
     if not case.turbines:
         return "no turbine is given, for example pto.K_dm"
     (pto,), (name,) = case.turbines, case.chambers
-    key = "pto" if case.is_device_chamber(name) else f"chamber.{name}.pto"
+    key = case.chamber_key(name, "pto")
     if pto.curve is not None or pto.has_relief:
         return f"{key}.curve is neither linear nor quadratic" if pto.curve else f"{key} has a relief valve"
     if pto.phase is not None:

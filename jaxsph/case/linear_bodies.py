@@ -168,7 +168,7 @@ def _not_covered(case: Sections) -> str:
     if case.duct:
         return f"duct.{next(iter(case.duct))} joins two chambers"
     for name, chamber in case.chambers.items():
-        pto, key = chamber.pto, "pto" if name == DEVICE_CHAMBER and case.pto else f"chamber.{name}.pto"
+        pto, key = chamber.pto, case.chamber_key(name, "pto")
         if pto is None:
             continue
         if pto.P_a is not None or pto.curve is not None:

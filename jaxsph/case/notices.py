@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from jaxsph.case.basin import basin_notices
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.limits import asked, breaking_height
 from jaxsph.case.scheme import stable_time_step
 from jaxsph.case.sections import Sections
-from jaxsph.case.settling import given_waves
 from jaxsph.case.shapes import ends_at, inertia_of
 from jaxsph.case.speeds import reference_speed, sound_speed
+from jaxsph.case.wave_sections import WavesSection
 from jaxsph.waves import theory
 
 CHAMBER = 6
@@ -63,10 +61,10 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
             f"{stable:.3g} s is stable: use output.sample_dt = {2.0 * stable:.2g} s or more, with which the "
             f"run takes {0.5 * sample / stable:.2g} of the time"
         )
-    return notes if case.waves is None else notes + _wave_notices(case, given_waves(case), geometry)
+    return notes if case.waves is None else notes + _wave_notices(case, case.waves, geometry)
 
 
-def _wave_notices(case: Sections, waves: Any, geometry: Geometry) -> list[str]:
+def _wave_notices(case: Sections, waves: WavesSection, geometry: Geometry) -> list[str]:
     """Notices about the waves of a case: their sampling, breaking, theory, resolution and repetition."""
     notes = []
     if case.output.sample_dt > SAMPLE * waves.period:

@@ -361,11 +361,22 @@ class Sections(Section):
         """Whether a chamber is the device's chamber, given in short form by `pto` and `air`."""
         return name == DEVICE_CHAMBER and self.pto is not None
 
+    def chamber_key(self, name: str, key: str) -> str:
+        """Dotted name of a key of a chamber's section; the device's chamber has its keys `pto` and `air` at
+        the top of the case."""
+        return key if self.is_device_chamber(name) else f"chamber.{name}.{key}"
+
+    @property
+    def ptos(self) -> dict[str, PTOSection]:
+        """Power take-offs of chambers and ducts, by the dotted names of their sections."""
+        found = {self.chamber_key(name, "pto"): one.pto for name, one in self.chambers.items()}
+        found |= {f"duct.{name}.pto": one.pto for name, one in self.duct.items()}
+        return {key: pto for key, pto in found.items() if pto is not None}
+
     @property
     def turbines(self) -> list[PTOSection]:
         """Turbines of chambers and ducts: all power take-offs except prescribed pressures."""
-        ptos = (one.pto for one in (*self.chambers.values(), *self.duct.values()))
-        return [pto for pto in ptos if pto is not None and pto.is_turbine]
+        return [pto for pto in self.ptos.values() if pto.is_turbine]
 
     @property
     def prescribed(self) -> list[float]:

@@ -166,23 +166,18 @@ def amended_case(case: Case, changes: Mapping[str, Any]) -> Case:
 
 def _check_laws(case: Case, new: Case) -> None:
     """**Raises** CaseError if the entries of a power take-off in the energy budget would change."""
-    sections = ("chamber", case.chambers, new.chambers), ("duct", case.duct, new.duct)
-    for section, before, after in sections:
-        for name in before.keys() & after.keys():
-            old, now = before[name].pto, after[name].pto
-            if old is None or now is None:
-                continue
-            of = "pto" if case.pto is old else f"{section}.{name}.pto"
-            if old.is_turbine != now.is_turbine:
-                raise CaseError(
-                    f"{of} cannot change between a turbine and a prescribed pressure during a run: start a "
-                    "new run with --set"
-                )
-            if old.has_relief != now.has_relief:
-                raise CaseError(
-                    f"{of}.relief cannot be added or removed during a run, because the energy budget "
-                    "contains it: start a new run with --set"
-                )
+    before, after = case.ptos, new.ptos
+    for key in before.keys() & after.keys():
+        if before[key].is_turbine != after[key].is_turbine:
+            raise CaseError(
+                f"{key} cannot change between a turbine and a prescribed pressure during a run: start a new "
+                "run with --set"
+            )
+        if before[key].has_relief != after[key].has_relief:
+            raise CaseError(
+                f"{key}.relief cannot be added or removed during a run, because the energy budget contains "
+                "it: start a new run with --set"
+            )
 
 
 def _refuse_unknown(case: Case, key: str, value: Any) -> None:

@@ -128,7 +128,7 @@ def share(model: Model, state: State, devices: int) -> tuple[Model, State]:
     """
     if devices == 1:
         if isinstance(model.search.method, Cells):
-            model = eqx.tree_at(lambda m: m.search.slabs, model, Slabs(points=_points(model, state, 1)))
+            model = eqx.tree_at(lambda m: m.search.slabs, model, Slabs(points=_sizes(model, state, 1)[1]))
         return model, state
     found = find_devices(devices)
     if why := _obstacle(model):
@@ -184,21 +184,15 @@ def _filled_up(p: Particles, more: int) -> Particles:
 
 
 def _sizes(model: Model, state: State, devices: int) -> tuple[int, int]:
-    """Largest numbers of particles in a halo and of points in a slab, with a reserve for later steps."""
-    cell = np.asarray(_first_cells(model, state)[0])
-    columns = np.bincount(cell, minlength=model.search.grid.shape[0])
-    # a halo reaches over whole columns of cells and one column that the slab's edge cuts
-    halo = np.convolve(columns, np.ones(WIDTH + 1, int)).max()
-    return min(needed_capacity(int(halo)), len(cell) // devices), _points(model, state, devices)
+    """Largest numbers of particles in a halo and of points in a slab, with a reserve for later steps.
 
-
-def _points(model: Model, state: State, devices: int) -> int:
-    """Largest number of points near the water in one slab, with a reserve for later steps.
-
-    On one device this number is 0, which means all points, unless many points are away from the water, as in
-    the tank of a dam break.
+    On one device the number of points is 0, which means all points, unless many points are away from the
+    water, as in the tank of a dam break.
     """
     cell, ghosts, nodes = (np.asarray(cells) for cells in _first_cells(model, state))
+    columns = np.bincount(cell, minlength=model.search.grid.shape[0])
+    # a halo reaches over whole columns of cells and one column that the slab's edge cuts
+    halo = int(np.convolve(columns, np.ones(WIDTH + 1, int)).max())
     edges = np.sort(cell)[:: len(cell) // devices][1:devices]
 
     def fullest(cells: np.ndarray) -> int:
@@ -209,8 +203,8 @@ def _points(model: Model, state: State, devices: int) -> int:
     around = (ghosts[slice(*wall.rows)] for wall in model.moving)
     points = needed_capacity(max(map(fullest, (nodes, *around))), SPREADING)
     if devices == 1 and len(nodes) - points < WORTH_SPARING * len(cell):
-        return 0
-    return points
+        points = 0
+    return min(needed_capacity(halo), len(cell) // devices), points
 
 
 @eqx.filter_jit  # one program, because every program has to be loaded at every start
