@@ -434,7 +434,7 @@ def test_slope_of_the_absorbed_energy_is_that_of_differences():
         ),
         (
             {"body": FLOATING["body"] | {"release": 1.0, "velocity": [0.0, 0.1, 0.0]}},
-            "no initial velocity",
+            "until release = 1 s the body is at rest; remove velocity",
         ),
         ({"body": FLOATING["body"] | {"disc": {"centre": [0.5, 0.5], "radius": 0.1}}}, "exactly one"),
         ({"body": FLOATING["body"] | {"density": None}}, "density"),
