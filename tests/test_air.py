@@ -240,7 +240,11 @@ def test_a_curve_of_one_direction_is_mirrored():
             r"the point \(q = 0.1, P_a = 500 Pa\) is followed by",
         ),
         ({"pto.curve": [[0.1, 500.0], [0.2, 900.0]]}, r"must contain the point \(0, 0\)"),
-        ({"pto": {"P_a": 10.0, "relief": 20.0}}, "has no relief valve; remove relief"),
+        (
+            {"pto": {"P_a": 10.0, "relief": 20.0}},
+            "relief has no effect with P_a; give K_dm or resistance or area or curve instead of P_a, or "
+            "remove relief",
+        ),
         ({"pto": {"K_dm": 1.0, "resistance": 2.0}}, "exactly one of"),
         (
             {"air.volume": 0.005},

@@ -33,7 +33,10 @@ def moored(mooring, **sections):
     [
         (CHAIN | {"body": "buoy"}, "mooring.a.body: there is no body 'buoy'; choose from body"),
         (CHAIN | {"mass": 0.2}, "give either weight, or mass and diameter"),
-        (CHAIN | {"segments": 10}, 'only kind = "line" has segments'),
+        (
+            CHAIN | {"segments": 10},
+            'segments has no effect with kind = "catenary"; set kind = "line", or remove segments',
+        ),
         (CHAIN | {"kind": "line"}, 'kind = "line" needs mass, diameter and drag'),
         (CHAIN | {"anchor": [-0.4, 0.0]}, r"mooring.a.anchor: \(-0.4, 0\) m is outside the tank"),
         (CHAIN | {"at": [1.8, 3.0]}, "mooring.a.at: .* is outside the tank"),

@@ -6,10 +6,12 @@ import pytest
 from conftest import coarse
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PathCollection
+from typer.testing import CliRunner
 
 import jaxsph as js
 from jaxsph import analysis
 from jaxsph.case.geometry import Geometry
+from jaxsph.cli.app import app
 from jaxsph.errors import FileError
 from jaxsph.output.hdf5 import Variable
 from jaxsph.output.plot.particles import animate, particles
@@ -284,6 +286,16 @@ def test_sweeps_have_a_picture(tmp_path, axes, shape, results):
     (picture,) = plot_sweep(file)
     assert picture == tmp_path / "s_plots" / "xi.png" and matplotlib.image.imread(picture).std() > 0.02
     assert plot_sweep(file, of="nothing") == []
+
+
+@pytest.mark.parametrize("option", [("--vtk", "a.vtkhdf"), ("--linear",)])
+def test_options_for_runs_are_refused_for_a_sweep(tmp_path, option):
+    file = _swept(tmp_path / "s.h5", {"pto.K_dm": K}, (3,), xi=[0.3, 0.5, 0.4])
+    result = CliRunner().invoke(app, ["plot", str(file), *option])
+    assert result.exit_code == 2 and f"{option[0]}: {file} contains a sweep" in " ".join(
+        result.output.split()
+    )
+    assert not (tmp_path / "s_plots").exists()
 
 
 def test_slopes_are_drawn_as_they_are():

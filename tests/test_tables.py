@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 import jaxsph as js
 from jaxsph.cli.app import app
+from jaxsph.output.dataset import wanted
 from jaxsph.output.hdf5 import Variable
 from jaxsph.output.run_file import RunFile
 from jaxsph.output.sweep_file import Meanings, SweepFile
@@ -132,6 +133,12 @@ def test_a_missing_library_names_the_extra(run, monkeypatch, missing, call):
     monkeypatch.setitem(sys.modules, missing, None)
     with pytest.raises(js.FileError, match=r"pip install \"jaxsph\[analysis\]\""):
         call(run)
+
+
+def test_a_library_that_cannot_be_imported_is_named_with_its_reason():
+    with pytest.raises(js.FileError, match=r"js.read needs xarray, but a broken library: run pip"):
+        with wanted("js.read", "xarray"):
+            raise ImportError("a broken library")
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -84,21 +84,14 @@ class PTOSection(Section):
                 "orifice), curve (a characteristic curve) and P_a (a prescribed pressure); "
                 f"{' and '.join(given) + ' are' if given else 'none of them is'} given"
             )
-        if self.phase is not None and self.K_dm is None:
-            raise ValueError(
-                f"phase = {list(self.phase)} varies K_dm, which is not given; give K_dm instead of "
-                f"{given[0]}, or remove phase"
-            )
+        for key in self.changed:
+            laws = [law for law, allowed in LAWS.items() if key in allowed]
+            if key != given[0] and given[0] not in laws:
+                self.refuse([key], f"with {given[0]}", f"give {' or '.join(laws)} instead of {given[0]}")
         if self.phase is not None and len(self.phase) % 2:
             raise ValueError(
                 f"phase = {list(self.phase)} must have an even number of values; give a cosine and a sine "
                 "for every harmonic"
-            )
-        if self.P_a is not None and self.has_relief:
-            valve = " and ".join(key for key in VALVE if getattr(self, key) is not None)
-            raise ValueError(
-                f"a prescribed pressure, P_a = {self.P_a:g} Pa, has no relief valve; remove {valve}, or give "
-                "a turbine (for example K_dm) instead of P_a"
             )
         if self.curve is not None:
             _check_curve(self.curve)
@@ -220,4 +213,6 @@ class DuctSection(Section):
     def _one_law(self) -> DuctSection:
         if (self.area is None) == (self.pto is None):
             raise ValueError("give exactly one of area (of the duct) and pto (a turbine in the duct)")
+        if self.pto is not None:
+            self.refuse(("discharge", "density"), "with pto", "give area instead of pto")
         return self

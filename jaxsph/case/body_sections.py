@@ -78,6 +78,12 @@ class RotationalPTOSection(Section):
     stop_stiffness: Coefficient = 0.0
     """Stiffness of the end stops, N m/rad."""
 
+    @model_validator(mode="after")
+    def _whole_stops(self) -> RotationalPTOSection:
+        if not self.stop_stiffness:
+            self.refuse(("stop",), "without stop_stiffness", "give a positive stop_stiffness")
+        return self
+
 
 class LinkSection(Section):
     """A force between two points of bodies or the tank, or along one motion of a body's joint. The forces of
@@ -291,6 +297,8 @@ class BodySection(ShapeSection):
             raise ValueError(
                 "a body that turns needs inertia or density; give inertia, or give density instead of mass"
             )
+        if self.density is not None:
+            self.refuse(("inertia",), "with density", "give mass instead of density")
         if self.release and not self.free:
             raise ValueError(
                 f"release = {self.release:g} s needs a free motion; give free, or remove release"

@@ -251,7 +251,7 @@ def _check_waves(case: Sections, geometry: Geometry) -> None:
         _check_zone(waves.zone, length, geometry)
         return
     gauge = (PADDLE_GAUGE + 2) * case.dx
-    if gauge > geometry.front:
+    if waves.absorption and gauge > geometry.front:
         raise CaseError(
             f"tank.length = {case.tank.length:g} m: the paddle's gauge needs {gauge:.3g} m of water in "
             f"front of the paddle, but there are only {geometry.front:g} m; use a longer tank, or a "

@@ -62,19 +62,11 @@ class MooringSection(Section):
         if (self.weight is None) == (self.mass is None) or (self.mass is None) != (self.diameter is None):
             raise ValueError("give either weight, or mass and diameter")
         dynamic = "segments", "damping", "drag", "added_mass", "bed_stiffness", "bed_damping"
-        given = [key for key in dynamic if key in self.changed]
-        if self.kind == "catenary" and given:
-            gone = "these keys" if len(given) > 1 else "the key"
-            raise ValueError(f'only kind = "line" has {", ".join(given)}; set this kind, or remove {gone}')
+        if self.kind == "catenary":
+            self.refuse(dynamic, 'with kind = "catenary"', 'set kind = "line"')
         if self.kind == "line" and (self.mass is None or self.drag is None):
             raise ValueError('kind = "line" needs mass, diameter and drag; give all three')
         return self
-
-    @property
-    def changed(self) -> set[str]:
-        """Keys whose values are not the defaults."""
-        fields = type(self).model_fields
-        return {name for name, field in fields.items() if getattr(self, name) != field.default}
 
     @property
     def area(self) -> float:

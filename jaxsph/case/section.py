@@ -50,6 +50,25 @@ class Section(BaseModel):
         extra="forbid", frozen=True, allow_inf_nan=False, strict=True, use_attribute_docstrings=True
     )
 
+    @property
+    def changed(self) -> list[str]:
+        """Keys whose values are not the defaults."""
+        fields = type(self).model_fields.items()
+        return [key for key, field in fields if getattr(self, key) != field.get_default()]
+
+    def refuse(self, keys: Collection[str], where: str, instead: str) -> None:
+        """Refuses keys that would be ignored.
+
+        **Arguments**: the `keys`; `where` they have no effect; what the user may do `instead` of removing
+        them. **Raises** ValueError if a key differs from its default.
+        """
+        given = [key for key in self.changed if key in keys]
+        if given:
+            raise ValueError(
+                f"{' and '.join(given)} {'have' if len(given) > 1 else 'has'} no effect {where}; {instead}, "
+                f"or remove {'these keys' if len(given) > 1 else given[0]}"
+            )
+
 
 def by_name(annotation: Any) -> bool:
     """Whether a field holds sections under names chosen in the case, as in `[solid.bed]`."""

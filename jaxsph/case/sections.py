@@ -80,6 +80,12 @@ class WeaklyCompressible(Section):
     memory with the number of particles. In two dimensions the number grew from 7,500 to 43,000 (neighbour
     tables of 52 slots), and in three dimensions from 14,500 to 63,000 (tables of 288 slots)."""
 
+    @model_validator(mode="after")
+    def _cut_gaussian(self) -> WeaklyCompressible:
+        if self.kernel != "gaussian":
+            self.refuse(("cut",), f'with kernel = "{self.kernel}"', 'choose kernel = "gaussian"')
+        return self
+
     def support(self, dim: int) -> float:
         """Radius of the kernel's support, in spacings, for `dim` dimensions."""
         return self.smoothing_kernel(dim).reach * self.smoothing_length(dim)
@@ -134,6 +140,12 @@ class Incompressible(Section):
     bytes_per_particle: ClassVar[dict[int, int]] = {2: 2100, 3: 1900}
     """Memory per particle of water or wall, bytes, by number of dimensions. Measured as for the weakly
     compressible scheme, with neighbour tables of 80 slots in two dimensions and 208 slots in three."""
+
+    @model_validator(mode="after")
+    def _solved_to(self) -> Incompressible:
+        if self.solver != "bicgstab":
+            self.refuse(("tolerance",), f'with solver = "{self.solver}"', 'choose solver = "bicgstab"')
+        return self
 
     def support(self, dim: int) -> float:
         """Radius of the kernel's support, in spacings, for `dim` dimensions."""

@@ -10,7 +10,7 @@ import typer
 
 from jaxsph.cli.arguments import RunName
 from jaxsph.cli.terminal import messages
-from jaxsph.errors import CaseError
+from jaxsph.errors import CaseError, FileError
 from jaxsph.output.run_file import RunFile
 from jaxsph.output.sweep_file import SweepFile
 from jaxsph.output.vtk import export_vtkhdf
@@ -46,6 +46,12 @@ def plot(
     with messages():
         interrupt.raise_again()
         if SweepFile(file).is_one():
+            for option, given in (("--vtk", vtk is not None), ("--linear", linear)):
+                if given:
+                    raise FileError(
+                        f"{option}: {file} contains a sweep, and this option is for runs; omit {option}, or "
+                        "give the file of a run"
+                    )
             for path in plot_sweep(file, folder):
                 typer.echo(path)
             return

@@ -98,6 +98,7 @@ def wanted(what: str, libraries: str) -> Iterator[None]:
     try:
         yield
     except ImportError as error:
+        missing = str(error) if error.name is None else f"{error.name} is not installed"
         raise FileError(
-            f'{what} needs {libraries}, and {error.name} is not installed: run pip install "jaxsph[analysis]"'
+            f'{what} needs {libraries}, but {missing}: run pip install "jaxsph[analysis]"'
         ) from None
