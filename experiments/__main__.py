@@ -7,8 +7,8 @@
     python -m experiments gallery              writes experiments/README.md, with a picture and a line for
                                                each experiment, and the numbers in the README and docs/
 
-A row is flagged `MISSED` if its value is outside its limit (the column `bar`), and `worse than the paper` if
-the paper's value is nearer to theory.
+A row is flagged `MISSED` if its value is outside its limit, and `worse than the paper` if the paper's value
+is nearer to theory.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ FOLDERS = ("verification", "validation", "studies", "benchmarks")
 INTRODUCTION = """# Experiments
 
 Results of the experiments. `python -m experiments gallery` writes this page from the committed results;
-`python -m experiments table` prints every row with its limit (`bar`) and with the values of theory and paper.
+`python -m experiments table` prints every row with its limit and with the values of theory and paper.
 The command of a section repeats the experiment, and writes its rows and picture into `runs/results`. Runs are
 kept in `runs/`; an interrupted run is continued. With `--commit` appended, the command replaces the results
 shown here. Times were measured on two cores shared with other processes.
@@ -81,7 +81,7 @@ def table(
     missed = total = 0
     for found in results(names, OWN if own else COMMITTED):
         print(f"\n{_heading(found)}\n  {found['command']}  ({found['seconds']:.0f} s; {found['machine']})")
-        print(f"  {'':54s} {'paper':>12s} {'theory':>12s} {'here':>18s}  bar")
+        print(f"  {'':54s} {'paper':>12s} {'theory':>12s} {'here':>18s}  limit")
         for row in found["rows"]:
             total += 1
             missed += row["passes"] is False

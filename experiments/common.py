@@ -98,11 +98,11 @@ class Report:
         print(f"  {check:56s} {shown(here, unit):>20s}   {bar:26s} {VERDICT[found['passes']]}", flush=True)
 
     def against(self, check: str, here: float, theory: float, unit: str = "", *, bar: float) -> None:
-        """Adds the check that `here` is off theory by less than the fraction `bar`, and the error in %."""
+        """Adds the check that `here` is within the fraction `bar` of theory, and the error, %."""
         off = here / theory - 1.0
         words, passes = f"within {100 * bar:g} %", abs(off) < bar
         self.row(check, here, unit, theory=theory, bar=words, passes=passes)
-        self.row("the same: off theory", 100 * off, "%")
+        self.row("the same: deviation from theory", 100 * off, "%")
 
     def picture(self, figure: Figure, suffix: str = "") -> None:
         """Saves a figure as `<name><suffix>.png` in the folder of the rows."""

@@ -127,7 +127,7 @@ def over_periods(
         best, best_linear = int(np.nanargmax(xi[i])), int(np.argmax(theory[i]))
         expected = (theory[i][best_linear], periods[best_linear]) if known else (None, None)
         report.row(f"{label} {a:g} m: largest xi", xi[i][best], theory=expected[0])
-        report.row(f"{label} {a:g} m: its period", periods[best], "s", theory=expected[1])
+        report.row(f"{label} {a:g} m: period of the largest xi", periods[best], "s", theory=expected[1])
     for j, T in enumerate(periods):
         change, expected = xi[-1, j] - xi[0, j], theory[-1, j] - theory[0, j]
         report.row(

@@ -74,7 +74,7 @@ PROSE = (
         lambda r: (
             r("incompressible", "standing wave, incompressible: period error"),
             max(
-                r("incompressible", f"the same: amplitude's decay, {scheme}")
+                r("incompressible", f"the same: decay of the amplitude, {scheme}")
                 for scheme in ("weakly compressible", "incompressible")
             ),
         ),
@@ -82,7 +82,9 @@ PROSE = (
     ),
     Sentence(
         "divided by the column's width | 0.043 | {:.3f}",
-        lambda r: (r("dam_break_front", "H/dx = 60: front outside the shifted envelope, largest"),),
+        lambda r: (
+            r("dam_break_front", "H/dx = 60: largest distance of the front outside the shifted envelope"),
+        ),
         (README,),
     ),
     Sentence(
@@ -161,8 +163,8 @@ PROSE = (
     Sentence(
         "the error of a single cell is {:.0f} to {:.0f} %",
         lambda r: (
-            r("annual_power_0.02", "standard error of a cell, least"),
-            r("annual_power_0.02", "standard error of a cell, largest"),
+            r("annual_power_0.02", "smallest standard error of a cell"),
+            r("annual_power_0.02", "largest standard error of a cell"),
         ),
         (TUTORIAL,),
     ),
@@ -178,7 +180,7 @@ PROSE = (
     # method
     Sentence(
         "has {:.2f} times the Gaussian's spurious stress in pure strain",
-        lambda r: (r("lattice_stress", "2-D: the polynomial over Gaussian, strained"),),
+        lambda r: (r("lattice_stress", "2-D: polynomial over Gaussian, strained"),),
         (METHOD,),
     ),
     Sentence(
@@ -191,7 +193,7 @@ PROSE = (
     ),
     Sentence(
         "floats with a draught error of {:.1f} %",
-        lambda r: (abs(r("floating", "box of 0.3 of the water's density: draught's error")),),
+        lambda r: (abs(r("floating", "box of 0.3 times the water's density: error of the draught")),),
         (METHOD,),
     ),
     Sentence(
@@ -216,7 +218,7 @@ PROSE = (
     Sentence(
         "keeps moving at {:.2f} m/s, and at {:.3f} m/s beside a wall five spacings thick",
         lambda r: tuple(
-            r("thin_wall", f"incompressible, wall of {n} spacings, after all of it") for n in (1, 5)
+            r("thin_wall", f"incompressible, wall thickness of {n} dx, at the end") for n in (1, 5)
         ),
         (METHOD,),
     ),
@@ -239,7 +241,10 @@ PROSE = (
     Sentence(
         "The projection now removes {:.1f} % of this work (`still_tank`)",
         lambda r: (
-            r("still_tank_0.02", "wave_tank, whole run: energy of the projection over the paddle's work"),
+            r(
+                "still_tank_0.02",
+                "wave_tank, whole run: energy removed by the projection over the paddle's work",
+            ),
         ),
         (MEASURED,),
     ),
@@ -247,13 +252,13 @@ PROSE = (
         "{:.2f} % of the air's work is not accounted for, and the mean level falls by {:.2f} % of the depth",
         lambda r: (
             r("vessel_0.01", "energy not accounted for / work of the air"),
-            -r("vessel_0.01", "mean level's change / depth"),
+            -r("vessel_0.01", "change of the mean level / depth"),
         ),
         (MEASURED,),
     ),
     Sentence(
         "particles keep moving at {:.2f} m/s at dx = 0.02 m",
-        lambda r: (r("thin_wall", "incompressible, wall of 1 spacings, after all of it"),),
+        lambda r: (r("thin_wall", "incompressible, wall thickness of 1 dx, at the end"),),
         (MEASURED,),
     ),
     Sentence(
@@ -268,7 +273,7 @@ PROSE = (
     ),
     Sentence(
         "the period is {:.0f} % too long where a wave has 25 spacings",
-        lambda r: (r("contact_line_0.04_0.01", "images: period off linear theory"),),
+        lambda r: (r("contact_line_0.04_0.01", "images: error of the period against linear theory"),),
         (METHOD,),
     ),
     Sentence(
@@ -280,7 +285,7 @@ PROSE = (
         "The flap at dx = 0.04 m loses {:.0f} % in the projection and {:.0f} % to hyperviscosity",
         lambda r: (
             r("flap_3d_0.04", "lost in the projection, over the paddle's work"),
-            r("flap_3d_0.04", "taken by hyperviscosity, over the paddle's work"),
+            r("flap_3d_0.04", "lost by hyperviscosity, over the paddle's work"),
         ),
         (METHOD,),
     ),
@@ -300,7 +305,12 @@ PROSE = (
     ),
     Sentence(
         "grow e-fold in {:.2f} s",
-        lambda r: (r("lattice_growth_0.02", "h = 1.2 dx: e-folding time of what neighbours differ by"),),
+        lambda r: (
+            r(
+                "lattice_growth_0.02",
+                "h = 1.2 dx: e-folding time of the difference between neighbours' slopes",
+            ),
+        ),
         (METHOD, SLOPES),
     ),
     Sentence(
@@ -324,9 +334,9 @@ PROSE = (
         (METHOD,),
     ),
     Sentence(
-        "| {:+.1f}, {:+.1f} % off linear theory | `heave` |",
+        "| {:+.1f}, {:+.1f} % from linear theory | `heave` |",
         lambda r: tuple(
-            r("heave_0.01", "the same: off theory", f"incompressible: {what}")
+            r("heave_0.01", "the same: deviation from theory", f"incompressible: {what}")
             for what in ("period", "damping ratio over the first two swings")
         ),
         (METHOD,),
@@ -350,12 +360,12 @@ PROSE = (
         "the pressure arrives at t sqrt(g/H) = {:.2f}, and with the incompressible scheme at {:.2f}; the "
         "measured time is {:.2f}",
         lambda r: tuple(
-            r("incompressible", "the same: pressure arrives on the disc, t sqrt(g/H)", after, column)
+            r("incompressible", "the same: arrival of the pressure at the disc, t sqrt(g/H)", after, column)
             for after, column in (
                 ("standing wave, weakly compressible: period error", "here"),
                 (
-                    "dam break, H/dx = 26, 28, 30, 32, 34, incompressible, means: front 5 H from the wall "
-                    "behind it, t sqrt(g/H)",
+                    "dam break, H/dx = 26, 28, 30, 32, 34, incompressible, means: time of the front at 5 H "
+                    "from the wall behind the column, t sqrt(g/H)",
                     "here",
                 ),
                 ("standing wave, weakly compressible: period error", "paper"),
@@ -365,7 +375,7 @@ PROSE = (
     ),
     Sentence(
         "the OWC's efficiencies differ by {:.1f} %",
-        lambda r: (abs(r("convergence", "incompressible less weakly compressible, 10 mm: xi")),),
+        lambda r: (abs(r("convergence", "incompressible minus weakly compressible, 10 mm: xi")),),
         (METHOD,),
     ),
     # theory and guides
@@ -398,20 +408,20 @@ PROSE = (
                 / r("relaxation_zone_0.02", "OWC, paddle, four wavelengths: xi")
                 - 1
             ),
-            r("relaxation_zone_0.02", "wall time, zone over paddle"),
+            r("relaxation_zone_0.02", "wall time with the zone over that with the paddle"),
         ),
         (WAVES,),
     ),
     Sentence(
         "| the derivative through one run, with tangents smoothed during the run | {:.1f} times one run",
-        lambda r: (r("bench_slopes", "value and slope, filtered: time over the run's"),),
+        lambda r: (r("bench_slopes", "value and slope, filtered: time over that of the run"),),
         (SLOPES,),
     ),
     Sentence(
         "| {:.1f} times one run; in reverse mode {:.1f} times, and {:.0f} GB of memory for a wave period",
         lambda r: (
-            r("bench_slopes", "value and slope, exact: time over the run's"),
-            r("bench_slopes", "reverse mode of one wave period: time over the run's"),
+            r("bench_slopes", "value and slope, exact: time over that of the run"),
+            r("bench_slopes", "reverse mode of one wave period: time over that of the run"),
             r("bench_slopes", "reverse mode of one wave period: memory"),
         ),
         (SLOPES,),

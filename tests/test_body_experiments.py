@@ -243,6 +243,6 @@ def test_floating_devices_are_reported(tmp_path, monkeypatch):
     monkeypatch.setattr(floating_devices, "DEVICES", ("buoy_heave",))
     floating_devices.main(0.04)
     rows = json.loads((tmp_path / "floating_devices_0.04.json").read_text())["rows"]
-    assert {"buoy_heave: power, off linear theory", "buoy_heave: incident height"} <= {
+    assert {"buoy_heave: power, deviation from linear theory", "buoy_heave: incident height"} <= {
         r["check"] for r in rows
     }

@@ -203,10 +203,10 @@ def test_richardson_finds_the_limit_of_its_own_law(order):
         ([0.02, 0.01, 0.005], [0.5, 0.6, 0.58], QUIET, "not monotone"),
         ([0.02, 0.01, 0.005], [0.5, 0.6, 0.6], QUIET, "not monotone"),
         ([0.02, 0.01, 0.005], [0.5, 0.6, 0.61], [0.0, 0.01, 0.01], "scatters"),
-        ([0.02, 0.01, 0.005], [0.5, 0.6, 0.68], QUIET, "no limit in sight"),
-        ([0.02, 0.01, 0.005], [0.5, 0.6, 0.75], QUIET, "no limit in sight"),
-        ([0.02, 0.01, 0.008], [0.5, 0.6, 0.62], QUIET, "one ratio"),
-        ([0.02, 0.01], [0.5, 0.6], [0.0, 0.0], "one ratio"),
+        ([0.02, 0.01, 0.005], [0.5, 0.6, 0.68], QUIET, "too low for an extrapolation"),
+        ([0.02, 0.01, 0.005], [0.5, 0.6, 0.75], QUIET, "too low for an extrapolation"),
+        ([0.02, 0.01, 0.008], [0.5, 0.6, 0.62], QUIET, "constant ratio"),
+        ([0.02, 0.01], [0.5, 0.6], [0.0, 0.0], "constant ratio"),
     ],
 )
 def test_richardson_gives_the_spread_where_there_is_no_limit(dx, values, errors, why):
@@ -244,8 +244,8 @@ def test_convergence_reports_the_runs_that_are_there(results, monkeypatch, tmp_p
     convergence.main()
     kept = json.loads((results / "convergence.json").read_text())
     rows = {row["check"]: row for row in kept["rows"]}
-    assert rows["incompressible: xi at no spacing (order 1)"]["here"] == pytest.approx(0.6)
-    assert rows["incompressible: pressure amplitude at no spacing"]["here"] == "not monotone"
+    assert rows["incompressible: xi, extrapolated to zero spacing (order 1)"]["here"] == pytest.approx(0.6)
+    assert rows["incompressible: pressure amplitude, extrapolated to zero spacing"]["here"] == "not monotone"
     assert rows["incompressible: change of xi from 20 to 10 mm"]["passes"] is False
     assert rows["incompressible, 5 mm: pto / paddle"]["here"] == 50.0
     assert not any("sponge" in check or check.startswith("weakly") for check in rows)

@@ -21,9 +21,9 @@ def main(dx: float = 0.02, slabs: int = 8, t1: float = 10.0) -> None:
             counts = np.array(counts)
             excess = 100 * (counts.max() / counts.mean() - 1.0)
             decides = name != "ghosts"
-            report.row(f"{name} of a slab, mean", counts.mean())
+            report.row(f"{name} per slab, mean", counts.mean())
             report.row(
-                f"{name}: the fullest slab over the mean",
+                f"{name}: excess of the fullest slab over the mean",
                 excess,
                 "%",
                 bar="under 5 %" if decides else "",

@@ -23,4 +23,4 @@ def main(devices: int = 2, turns: int = 3, cases: str = "") -> None:
             report.row(f"{name}: steps per second on one core", 1.0 / one["seconds"], "1/s")
             report.row(f"{name}: the same on {devices} devices", 1.0 / several["seconds"], "1/s")
             report.row(f"{name}: memory of a step", one["memory"] / 1e6, "MB")
-            report.row(f"{name}: the same for each particle", one["memory"] / count, "bytes")
+            report.row(f"{name}: the same per particle", one["memory"] / count, "bytes")

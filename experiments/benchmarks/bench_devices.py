@@ -33,13 +33,13 @@ def main(
             apart(cost, changes, count, turns, one_core, case)["seconds"]
             for count, one_core in ((1, True), (1, False), (devices, False))
         )
-        report.row("a step on one core", 1e3 * alone, "ms")
-        report.row("a step on one device, with every core", 1e3 * whole, "ms")
-        report.row(f"a step on {devices} devices", 1e3 * shared, "ms")
+        report.row("time per step on one core", 1e3 * alone, "ms")
+        report.row("time per step on one device with all cores", 1e3 * whole, "ms")
+        report.row(f"time per step on {devices} devices", 1e3 * shared, "ms")
         bar = 1.6 if not weakly_compressible else 1.7
         gain = alone / shared
-        report.row("one core over devices", gain, bar=f"{bar:g}", passes=gain >= bar)
-        report.row("one device with every core over devices", whole / shared)
+        report.row("speed-up over one core", gain, bar=f"{bar:g}", passes=gain >= bar)
+        report.row("speed-up over one device with all cores", whole / shared)
 
 
 def apart(

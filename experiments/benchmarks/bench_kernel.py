@@ -27,11 +27,11 @@ def main(dx: float = 0.01, steps: int = 50, warm: int = 200, turns: int = 7) -> 
             kept.append(timed(run))
     ratio = statistics.median(a / b for a, b in zip(*times, strict=True))
     with Report(
-        f"bench_kernel_{dx:g}", "A step of the OWC, kernel and walls against those before", dx
+        f"bench_kernel_{dx:g}", "A step of the OWC with the present and the earlier kernel and walls", dx
     ) as report:
         report.seconds = sum(map(sum, times))
-        for label, kept in zip(("now", "before"), times, strict=True):
-            report.row(f"step, {label}", 1e3 * statistics.median(kept) / steps, "ms")
+        for label, kept in zip(("present", "earlier"), times, strict=True):
+            report.row(f"time per step, {label}", 1e3 * statistics.median(kept) / steps, "ms")
         report.row("ratio (median over the turns)", ratio, bar="at most 0.7", passes=ratio <= 0.7)
 
 

@@ -44,10 +44,10 @@ def main(fine: float = 0.008, t1: float = 3.0, seconds: float = 4.0) -> None:
             found = _seen(page, seconds)
             report.row(f"{name}: particles", found["particles"])
             first = found["first"]
-            report.row(f"{name}: time to the first picture", first, "s", bar="under 2 s", passes=first < 2)
+            report.row(f"{name}: time to the first frame", first, "s", bar="under 2 s", passes=first < 2)
             played = found["played"]
-            report.row(f"{name}: pictures a second", played, bar=f"at least {bar}", passes=played >= bar)
-            report.row(f"{name}: pictures a second, as fast as they are drawn", found["drawn"])
+            report.row(f"{name}: frames per second", played, bar=f"at least {bar}", passes=played >= bar)
+            report.row(f"{name}: frames per second, drawing only", found["drawn"])
 
 
 def _coarse_run() -> float:

@@ -39,7 +39,9 @@ class Messages(NamedTuple):
 
 def main(devices: int = 2, slabs: int = 8, turns: int = 4, steps: int = 500) -> None:
     """Times steps on one core and on `devices` devices, and counts the messages between `slabs` devices."""
-    with Report("bench_scale", f"Cost of the OWC against particles and devices, {steps} steps") as report:
+    with Report(
+        "bench_scale", f"Cost of {steps} steps of the OWC by number of particles and devices"
+    ) as report:
         columns: dict[str, list[float]] = {name: [] for name in COLUMNS}
         for scheme in SCHEMES:
             for dx in SPACINGS:
@@ -51,7 +53,7 @@ def main(devices: int = 2, slabs: int = 8, turns: int = 4, steps: int = 500) -> 
                     for name, value in zip(COLUMNS, row, strict=True):
                         columns[name].append(float(value))
                     label = f"{scheme}, dx = {dx:g} m, {found['water']} particles, {count} device(s)"
-                    report.row(f"{label}: {steps} steps", steps * found["seconds"], "s")
+                    report.row(f"{label}: time of {steps} steps", steps * found["seconds"], "s")
                     if count == 1:
                         every = found["water"] + found["ghosts"]
                         report.row(f"{label}: memory per particle", found["memory"] / every, "bytes")
@@ -63,7 +65,9 @@ def main(devices: int = 2, slabs: int = 8, turns: int = 4, steps: int = 500) -> 
             changes = {"dx": 0.02, "scheme.kind": scheme}
             found = apart(cost, changes, 1, 1, True, "dam_break_column")
             every = found["water"] + found["ghosts"]
-            report.row(f"{scheme}, 3-D, {every} particles: memory each", found["memory"] / every, "bytes")
+            report.row(
+                f"{scheme}, 3-D, {every} particles: memory per particle", found["memory"] / every, "bytes"
+            )
 
 
 COLUMNS = ("incompressible", "dx (m)", "particles", "ghosts", "devices", "seconds", "memory (bytes)")
@@ -84,9 +88,9 @@ def _model(report: Report, table: dict[str, np.ndarray], steps: int) -> None:
         A = np.stack([n, np.ones_like(n), many], axis=1) / seconds[:, None]
         each, once, shared = np.linalg.lstsq(A, np.ones_like(n), rcond=None)[0]
         worst = float(np.max(np.abs(A @ [each, once, shared] - 1.0)))
-        report.row(f"{scheme}: model, a particle and step", 1e6 * each, "us")
-        report.row(f"{scheme}: model, a step besides", 1e3 * once, "ms")
-        report.row(f"{scheme}: model, a step besides on several devices", 1e3 * shared, "ms")
+        report.row(f"{scheme}: model, time per particle and step", 1e6 * each, "us")
+        report.row(f"{scheme}: model, constant time per step", 1e3 * once, "ms")
+        report.row(f"{scheme}: model, additional time per step on several devices", 1e3 * shared, "ms")
         report.row(f"{scheme}: model, largest error", 100 * worst, "%", bar="20 %", passes=worst < 0.2)
         x = np.geomspace(n.min() / 2, n.max() * 2, 50)
         for marker, which in (("o", ~many), ("s", many)):
@@ -94,8 +98,10 @@ def _model(report: Report, table: dict[str, np.ndarray], steps: int) -> None:
         axis.plot(x, 1e3 * (each * x + once), colour + "-", lw=0.8, label=scheme)
         axis.plot(x, 1e3 * (each * x + once + shared), colour + "--", lw=0.8)
         # 1e9 particles on 10,000 cores, 1e5 on each
-        report.row(f"{scheme}: 1e9 particles on 10,000 cores, a step by the model", each * 1e5 + once, "s")
-    axis.set(xscale="log", yscale="log", xlabel="particles on a device", ylabel="a step, ms")
+        report.row(
+            f"{scheme}: 1e9 particles on 10,000 cores, time per step by the model", each * 1e5 + once, "s"
+        )
+    axis.set(xscale="log", yscale="log", xlabel="particles per device", ylabel="time per step, ms")
     axis.legend(title="one device (full), several (dashed)", fontsize=8)
     report.picture(figure)
 
@@ -109,21 +115,21 @@ def _sent(report: Report, scheme: str, slabs: int) -> None:
         label = f"{scheme}, {slabs} devices, dx = {dx:g} m"
         surface = 2 * found["halo"]
         ratios.append(step.beside / surface)
-        report.row(f"{label}: particles of a slab", found["slab"])
-        report.row(f"{label}: particles of its halos", surface)
-        report.row(f"{label}: messages of a step", step.count)
-        report.row(f"{label}: bytes of a step from the slabs beside", step.beside)
-        report.row(f"{label}: bytes of a step from all, for walls and sums", step.every)
+        report.row(f"{label}: particles per slab", found["slab"])
+        report.row(f"{label}: particles in the halos of a slab", surface)
+        report.row(f"{label}: messages per step", step.count)
+        report.row(f"{label}: bytes per step from the adjacent slabs", step.beside)
+        report.row(f"{label}: bytes per step from all slabs, for walls and sums", step.every)
         if solution.count:
-            report.row(f"{label}: messages of an iteration of the pressure", solution.count)
-            report.row(f"{label}: bytes of an iteration, from the slabs beside", solution.beside)
-            report.row(f"{label}: bytes of an iteration, from all", solution.every)
+            report.row(f"{label}: messages per iteration of the pressure solver", solution.count)
+            report.row(f"{label}: bytes per iteration from the adjacent slabs", solution.beside)
+            report.row(f"{label}: bytes per iteration from all slabs", solution.every)
         wire = LATENCY * step.count + (step.beside + step.every) / BANDWIDTH
-        report.row(f"{label}: time of a step's messages on a cluster, by the model", 1e6 * wire, "us")
+        report.row(f"{label}: time of the messages of a step on a cluster, by the model", 1e6 * wire, "us")
     spread = max(ratios) / min(ratios) - 1.0
-    report.row(f"{scheme}: bytes from beside for a particle of a halo", float(np.mean(ratios)), "bytes")
+    report.row(f"{scheme}: bytes from the adjacent slabs per halo particle", float(np.mean(ratios)), "bytes")
     report.row(
-        f"{scheme}: the same, its spread over spacings", 100 * spread, "%", bar="5 %", passes=spread < 0.05
+        f"{scheme}: the same, spread between the spacings", 100 * spread, "%", bar="5 %", passes=spread < 0.05
     )
 
 

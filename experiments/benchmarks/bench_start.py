@@ -14,39 +14,39 @@ from experiments.common import Report
 
 CASES = ("owc", "wave_tank", "flap_2d", "section_fixed", "beach")
 """Cases whose wall time is predicted."""
-FORETELL = """
+PREDICT = """
 import sys
 import jaxsph as js
-print("foretold", js.duration(js.load_case(sys.argv[1]), devices=1).total)
+print("predicted", js.duration(js.load_case(sys.argv[1]), devices=1).total)
 """
 """Program that predicts the wall time (s) of a case."""
 
 
 def main(cases: str = ",".join(CASES)) -> None:
     """Times starts of the built-in OWC, and predicts and measures times of `cases`, in separate processes."""
-    with Report("bench_start", "Start of a run, and its time foretold") as report:
+    with Report("bench_start", "Start of a run, and its predicted wall time") as report:
         with tempfile.TemporaryDirectory() as folder:
-            for when, bar in (("new", None), ("again", 4.0)):
+            for when, bar in (("first", None), ("later", 4.0)):
                 took = _timed(["run", "owc", "--t1", "0.02", "--overwrite"], Path(folder))
                 report.row(
-                    f"built-in OWC to its second reading, started {when}",
+                    f"built-in OWC, {when} start: time to the second reading",
                     took,
                     "s",
                     bar="" if bar is None else f"{bar:g} s",
                     passes=None if bar is None else took < bar,
                 )
             for name in cases.split(","):
-                command = [sys.executable, "-c", FORETELL, name]
+                command = [sys.executable, "-c", PREDICT, name]
                 told = subprocess.run(
                     command, check=True, capture_output=True, text=True, env=_environment(Path(folder))
                 )
-                foretold = float(re.findall(r"foretold ([\d.]+)", told.stdout)[0])
+                predicted = float(re.findall(r"predicted ([\d.]+)", told.stdout)[0])
                 took = _timed(["run", name, "--devices", "1", "--overwrite"], Path(folder))
                 report.row(
-                    f"{name}: foretold over actual wall time",
-                    foretold / took,
+                    f"{name}: predicted over actual wall time",
+                    predicted / took,
                     bar="0.7 to 1.3",
-                    passes=0.7 < foretold / took < 1.3,
+                    passes=0.7 < predicted / took < 1.3,
                 )
                 report.row(f"{name}: wall time", took, "s")
 

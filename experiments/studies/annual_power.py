@@ -50,8 +50,8 @@ def main(dx: float = 0.02, workers: int = 1) -> None:
                     theory=done.linear[i, j],
                 )
         error = done.error / done.P
-        report.row("standard error of a cell, least", float(100.0 * error.min()), "%")
-        report.row("standard error of a cell, largest", float(100.0 * error.max()), "%")
+        report.row("smallest standard error of a cell", float(100.0 * error.min()), "%")
+        report.row("largest standard error of a cell", float(100.0 * error.max()), "%")
         mean, linear = done.annual(table), float(np.sum(np.array(SHARES) * done.linear))
         report.row("annual mean power", mean.value, "W/m", theory=linear)
         report.row("its standard error", mean.error, "W/m")

@@ -32,7 +32,9 @@ def main(dx: float = 0.02) -> None:
         )
         for start in STARTS
     }
-    with Report(f"best_damping_{dx:g}", "Search for the best damping from both sides", dx) as report:
+    with Report(
+        f"best_damping_{dx:g}", "Search for the best damping from below and from above", dx
+    ) as report:
         # the searches do not store the times of their members: times of the sweep of the same case are used
         each = float(np.nanmedian(study["wall_seconds"]))
         report.seconds = each * METHOD.members * sum(len(way.history) for way in ways.values())
@@ -43,14 +45,14 @@ def main(dx: float = 0.02) -> None:
             there = float(fit.value(found)[0])
             report.row(f"from K_dm = {start:g}: best K_dm", found, "kg^0.5 m^-2.5", theory=best)
             report.row(
-                f"from K_dm = {start:g}: xi of the fit there over the largest",
+                f"from K_dm = {start:g}: fitted xi at this K_dm over the largest fitted xi",
                 there / highest,
                 bar="at least 0.95",
                 passes=there >= 0.95 * highest,
             )
             count = len(way.history)
             report.row(f"from K_dm = {start:g}: evaluations", count, bar="at most 10", passes=count <= 10)
-            report.row(f"from K_dm = {start:g}: ended because", way.reason)
+            report.row(f"from K_dm = {start:g}: reason for the end", way.reason)
         figure = Figure(figsize=(6, 4), layout="constrained")
         axis = figure.subplots()
         axis.plot(fit.K, fit.xi, "k.", label="runs of the sweep")

@@ -131,8 +131,8 @@ def main(dx: float = 0.01, runs: int = RUNS) -> None:
         damping, values = np.array(sorted(found.items())).T
         (best, highest), optimum = best_of(damping, values), linear_best()
         most = linear_power(optimum)
-        report.row("best of the search", last, "N s/m2", theory=optimum)
-        report.against("best damping, by the parabola through all runs", best, optimum, "N s/m2", bar=0.1)
+        report.row("best damping of the search", last, "N s/m2", theory=optimum)
+        report.against("best damping, by a parabola fitted to all runs", best, optimum, "N s/m2", bar=0.1)
         report.against("largest power over the squared wave amplitude", highest, most, "W/m3", bar=0.05)
         fit = np.polyval(np.polyfit(damping, damping / values, 2, w=values / damping), damping)
         scatter = float(np.std(damping / values / fit - 1.0)) * np.sqrt(len(fit) / max(len(fit) - 3, 1))
@@ -142,7 +142,7 @@ def main(dx: float = 0.01, runs: int = RUNS) -> None:
         what = f"with round bilges, at {best:g} N s/m2: power over the squared wave amplitude"
         report.against(what, run(best, BILGE), linear_power(best, body), "W/m3", bar=0.05)
         report.seconds = sum(seconds)
-        report.row("incident height over that asked for, mean", float(np.mean(heights)) / H)
+        report.row("mean incident height over the specified height", float(np.mean(heights)) / H)
         report.picture(_picture(damping, values, best, highest))
 
 

@@ -61,7 +61,7 @@ class Limit(NamedTuple):
     error: float
     """Error of the value; if there is no value, the spread of the sequence (largest minus smallest)."""
     order: float | None
-    """Observed order of the sequence; None if it cannot be computed or the sequence only scatters."""
+    """Observed order of convergence; None if it cannot be computed or the sequence only scatters."""
     why: str
     """How the value was computed, or why the sequence has no limit."""
 
@@ -81,7 +81,9 @@ def main(
         raise typer.BadParameter(f"schemes = {', '.join(sorted(unknown))}: choose from {', '.join(SCHEMES)}")
     runs = {kind: _runs(kind, asked, t1) for kind in SCHEMES}
     theory = [js.linear_owc(study_case("incompressible", SPACINGS[-1]), zeta) for zeta in ZETA]
-    with Report("convergence", "The OWC over the spacing in both schemes, beside linear theory") as report:
+    with Report(
+        "convergence", "Convergence of the OWC with the spacing, in both schemes and against linear theory"
+    ) as report:
         every = [run for found in runs.values() for run in found.values()]
         # time of all processes of a run, if all were as fast as the last process
         report.seconds = sum(run.seconds * run.results["t_end"] for run in every)
@@ -185,16 +187,16 @@ def richardson(dx: list[float], values: list[float], errors: list[float]) -> Lim
     spread = float(np.ptp(f))
     ratios = h[:-1] / h[1:]
     if len(f) != 3 or abs(ratios[0] / ratios[1] - 1.0) > 1e-6:
-        return Limit(None, spread, None, "not three spacings in one ratio")
+        return Limit(None, spread, None, "not three spacings with a constant ratio")
     e1, e2 = -np.diff(f)
     scatter = np.hypot(errors[1:], errors[:-1])
     if e1 * e2 <= 0.0:
         return Limit(None, spread, None, "not monotone")
     if abs(e1) < scatter[0] or abs(e2) < scatter[1]:
-        return Limit(None, spread, None, "moves less than it scatters")
+        return Limit(None, spread, None, "changes less than it scatters")
     order = float(np.log(e1 / e2) / np.log(ratios[0]))
     if order < ORDERS[0]:
-        return Limit(None, spread, order, f"order {order:.2g}, no limit in sight")
+        return Limit(None, spread, order, f"order {order:.2g}, too low for an extrapolation")
     rest = 1.0 / (ratios[0] ** min(order, ORDERS[1]) - 1.0)
     own = np.hypot((1.0 + rest) * errors[2], rest * errors[1])
     why = f"order {order:.2g}" + (f", taken as {ORDERS[1]:g}" if order > ORDERS[1] else "")
@@ -216,7 +218,7 @@ def _rows(report: Report, where: str, run: Found) -> None:
     ):
         if name in run.results:
             report.row(f"{where}: {label}", run.results[name], unit)
-    report.row(f"{where}: wall time of a second", run.seconds, "s")
+    report.row(f"{where}: wall time per simulated second", run.seconds, "s")
 
 
 def _shares(results: dict[str, float]) -> dict[str, float]:
@@ -245,11 +247,11 @@ def _convergence(report: Report, where: str, found: dict[float, Found]) -> None:
     for name, (label, unit) in QUANTITIES.items():
         limit = _limit(found, name)
         if limit.value is None:
-            report.row(f"{where}: {label} at no spacing", limit.why)
-            report.row(f"{where}: {label}, spread over the spacings", limit.error, unit)
+            report.row(f"{where}: {label}, extrapolated to zero spacing", limit.why)
+            report.row(f"{where}: {label}, spread between the spacings", limit.error, unit)
         else:
-            report.row(f"{where}: {label} at no spacing ({limit.why})", limit.value, unit)
-            report.row(f"{where}: {label} at no spacing, error", limit.error, unit)
+            report.row(f"{where}: {label}, extrapolated to zero spacing ({limit.why})", limit.value, unit)
+            report.row(f"{where}: {label}, error of the extrapolation", limit.error, unit)
 
 
 def _limit(found: dict[float, Found], name: str) -> Limit:
@@ -265,7 +267,7 @@ def _schemes_apart(report: Report, runs: dict[str, dict[float, Found]]) -> None:
     xi = [found[spacing].values["xi"] for found in runs.values()]
     apart = (xi[0] - xi[1]) / np.mean(xi)
     report.row(
-        f"{' less '.join(map(_short, runs))}, {1e3 * spacing:g} mm: xi",
+        f"{' minus '.join(map(_short, runs))}, {1e3 * spacing:g} mm: xi",
         100.0 * apart,
         "%",
         theory=0.0,
@@ -279,7 +281,7 @@ def _theory(report: Report, linear: js.LinearOWC) -> None:
     where = f"linear theory, zeta = {linear.lip_loss:g}"
     for name, (label, unit) in QUANTITIES.items():
         report.row(f"{where}: {label}", _expected(linear, name), unit)
-    report.row(f"{where}: lost at the lip / incident", 100.0 * linear.P_lip / linear.P_inc, "%")
+    report.row(f"{where}: power lost at the lip / incident", 100.0 * linear.P_lip / linear.P_inc, "%")
 
 
 def _expected(linear: js.LinearOWC, name: str) -> float:

@@ -42,7 +42,11 @@ def main(
         report.row("runs that failed", len(study.failures), theory=0.0, bar="none", passes=not study.failures)
         for i, h in enumerate(H_star):
             report.row(f"H* = {h:g}: largest xi", np.nanmax(xi[i]), theory=np.max(theory[i]))
-            report.row(f"H* = {h:g}: its damping B*", best[i] * scale(), theory=best_linear[i] * scale())
+            report.row(
+                f"H* = {h:g}: damping B* of the largest xi",
+                best[i] * scale(),
+                theory=best_linear[i] * scale(),
+            )
         h, b, published, power = POINT
         if h in H_star and b in B_star:
             i, j, where = H_star.index(h), B_star.index(b), f"at H* = {h:g}, B* = {b:g}"
@@ -50,11 +54,13 @@ def main(
             report.row(f"P_owc {where}", power_owc[i, j], "W/m", theory=linear.P_owc[i, j], paper=power)
         largest = np.nanmax(xi, axis=1)
         falls = np.diff(largest) < 0
-        report.row("smaller waves, higher efficiency", _yes(falls.all()), paper="yes", passes=falls.all())
+        report.row(
+            "efficiency rises as the waves get lower", _yes(falls.all()), paper="yes", passes=falls.all()
+        )
         # in lower waves the lattice resists the flow: `python -m experiments run small_waves`
         fine = np.array(H) > 1.5 * dx
         report.row(
-            "the same for waves of 1.5 spacings and more",
+            "the same for waves higher than 1.5 spacings",
             _yes(falls[fine[:-1]].all()),
             paper="yes",
             passes=falls[fine[:-1]].all(),
@@ -62,10 +68,12 @@ def main(
         spread = float(np.max(best) / np.min(best))
         # in linear theory the best damping is proportional to 1/sqrt(H): its largest over its smallest value
         moves = float(np.max(best_linear) / np.min(best_linear))
-        report.row("best damping, largest over smallest", spread, theory=moves, paper="hardly moves")
+        report.row("best damping B*, largest over smallest", spread, theory=moves, paper="hardly changes")
         spread, moves = (float(np.max(b[fine]) / np.min(b[fine])) for b in (best, best_linear))
-        report.row("the same for waves of 1.5 spacings and more", spread, theory=moves, paper="hardly moves")
-        report.row("xi from period to period, median", np.nanmedian(scatter))
+        report.row(
+            "the same for waves higher than 1.5 spacings", spread, theory=moves, paper="hardly changes"
+        )
+        report.row("scatter of xi from period to period, median", np.nanmedian(scatter))
         # members run one per core at the same time: steps per second of core time
         speed = float(np.nansum(study["steps"]) / np.nansum(study["wall_seconds"]))
         report.row("steps per second of a member on its core", speed)

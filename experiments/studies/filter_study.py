@@ -30,7 +30,9 @@ def main(dx: float = 0.02) -> None:
     found = [slope(case.replace({"pto.K_dm": k}), f"filter_study_{dx:g}_{k:g}") for k in POINTS]
     long = slope(short_case(dx, 30 * T), f"filter_study_{dx:g}_long")
     study, fit = fitted(case)
-    with Report(f"filter_study_{dx:g}", "Filtered derivative of the efficiency over K_dm", dx) as report:
+    with Report(
+        f"filter_study_{dx:g}", "Filtered derivative of the efficiency with respect to K_dm", dx
+    ) as report:
         report.seconds = float(np.nansum(study["wall_seconds"])) + sum(
             one["seconds"] for one in (*found, long)
         )
@@ -45,7 +47,7 @@ def main(dx: float = 0.02) -> None:
                 f"K_dm = {k:g}: 1e4 times the filtered slope",
                 1e4 * one["slope"],
                 theory=1e4 * expected,
-                bar="20 % or the error, right sign",
+                bar="within 20 % or the error, same sign",
                 passes=bool(right and off < max(0.2 * abs(expected), error)),
             )
             response = expected - 2 * one["value"] / k
@@ -57,7 +59,10 @@ def main(dx: float = 0.02) -> None:
         grown = np.flatnonzero(np.abs(slopes) > 2 * long["direct"])
         whole = int(grown[0]) if grown.size else len(slopes)
         report.row(
-            "tank of 1.2 m: periods until the slope grows", whole, bar="30", passes=whole == len(slopes)
+            "tank of 1.2 m: periods without growth of the filtered slope",
+            whole,
+            bar="30",
+            passes=whole == len(slopes),
         )
         figure = Figure(figsize=(10, 4), layout="constrained")
         left, right = figure.subplots(1, 2)

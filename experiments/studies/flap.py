@@ -36,17 +36,23 @@ def main(dx: float = 0.03) -> None:
         report.seconds = seconds
         best = int(np.argmax(xi))
         inside = 0 < best < len(xi) - 1
-        report.row("largest absorbed power, at", DAMPINGS[best], "N m s/rad/m", bar="inside", passes=inside)
+        report.row(
+            "damping of the largest absorbed power",
+            DAMPINGS[best],
+            "N m s/rad/m",
+            bar="inside the range",
+            passes=inside,
+        )
         worst = float(np.max(np.abs(missing)))
         report.row(
-            "energy not accounted for, over the paddle's work, at most",
+            "largest energy not accounted for, over the paddle's work",
             100 * worst,
             "%",
             bar="within 10 %",
             passes=worst < 0.1,
         )
         report.row(
-            "lost in the projection, over the paddle's work, with the least and the largest damping",
+            "lost in the projection, over the paddle's work, with the smallest and the largest damping",
             " and ".join(f"{100 * share:.0f} %" for share in (lost[0], lost[-1])),
         )
         figure = Figure(figsize=(9, 3.6), layout="constrained")

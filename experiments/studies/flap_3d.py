@@ -28,20 +28,21 @@ def main(dx: float = 0.04) -> None:
     with Report(f"flap_3d_{dx:g}", "Bottom-hinged flap in waves, incompressible, 3-D", dx) as report:
         report.seconds = results["wall_seconds"]
         report.row("amplitude of the pitch", float(np.degrees(abs(pitch))), "degrees")
-        report.row("its mean", float(np.degrees(np.mean(series["pitch"][last]))), "degrees")
+        report.row("mean pitch", float(np.degrees(np.mean(series["pitch"][last]))), "degrees")
         lag = float(np.degrees(np.angle(eta / pitch)))
         report.row("lag of the pitch behind the elevation beside the flap", lag, "degrees")
         report.row("wave height beside the flap", 2 * abs(eta), "m", theory=case.waves.H)
         both = series["eta_wire"][last, 0] - series["eta_interpolated"][last, 0]
         report.row(
-            "elevation by a wire off that by density, RMS over dx", float(np.sqrt(np.mean(both**2))) / dx
+            "RMS difference between the elevations by wire and by density, over dx",
+            float(np.sqrt(np.mean(both**2))) / dx,
         )
         front, behind = (
             2 * abs(fundamental(t[last], series["body_pressure"][last, k], T)) / (1000 * 9.81 * case.waves.H)
             for k in (0, 1)
         )
-        report.row("swing of the pressure in front over rho g H", front)
-        report.row("and behind", behind)
+        report.row("range of the pressure in front of the flap over rho g H", front)
+        report.row("range of the pressure behind the flap over rho g H", behind)
         report.row("reflection", results["reflection"])
         share = results["energy_residual_share"]
         report.row(
@@ -53,7 +54,7 @@ def main(dx: float = 0.04) -> None:
         )
         for name, what in (
             ("projection", "lost in the projection"),
-            ("hyperviscosity", "taken by hyperviscosity"),
+            ("hyperviscosity", "lost by hyperviscosity"),
         ):
             report.row(f"{what}, over the paddle's work", of_paddle(results, name), "%", theory=0.0)
         figure = Figure(figsize=(9, 4.6), layout="constrained")

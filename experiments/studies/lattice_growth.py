@@ -32,4 +32,6 @@ def main(dx: float = 0.02, t1: float = 1.8) -> None:
             t, grain = found.series["time"], found.slopes["grain"]
             late = t > t1 - 0.8
             rate = np.polyfit(t[late], np.log(grain[late]), 1)[0]
-            report.row(f"h = {h:g} dx: e-folding time of what neighbours differ by", 1 / rate, "s")
+            report.row(
+                f"h = {h:g} dx: e-folding time of the difference between neighbours' slopes", 1 / rate, "s"
+            )

@@ -43,7 +43,7 @@ def main(
             for what, points, velocities in (
                 ("run", x, u),
                 (
-                    f"flow of {1e3 * finest:g} mm on the lattice",
+                    f"flow of the run at {1e3 * finest:g} mm, averaged onto the lattice",
                     places,
                     _averaged(*flow, places, spacing, lip),
                 ),
@@ -51,7 +51,7 @@ def main(
                 near = points[:, 0] > ends - NEAR
                 off = near & (np.hypot(*(points - lip).T) > LIP * spacing)
                 where = f"{1e3 * spacing:g} mm, {what}"
-                for name, mask in ((where, near), (f"{where}, {LIP:g} spacings off the lip", off)):
+                for name, mask in ((where, near), (f"{where}, more than {LIP:g} spacings from the lip", off)):
                     report.row(name, 100.0 * noise(points, velocities, spacing, mask, lip), "%")
 
 

@@ -40,9 +40,16 @@ def _rows(report: Report, case: js.Case, results: dict[str, float], over: dict[s
     flow = np.mean(over["flow"] * wave)
     ratio = volume / flow
     off = abs(ratio - 1)
-    report.row("volume rate against q", 100 * off, "%", theory=0.0, bar="within 3 %", passes=off < 0.03)
+    report.row(
+        "difference between the rate of the chamber's volume and q",
+        100 * off,
+        "%",
+        theory=0.0,
+        bar="within 3 %",
+        passes=off < 0.03,
+    )
 
     report.row("xi", results["xi"], bar="0 to 1", passes=0 < results["xi"] < 1)
-    report.row("xi from period to period", results["xi_scatter"])
+    report.row("scatter of xi from period to period", results["xi_scatter"])
     report.row("P_a amplitude", 2 * abs(np.mean(over["P_a"] * wave)), "Pa")
     report.row("chamber level amplitude", 1e3 * 2 * abs(np.mean(over["chamber_level"] * wave)), "mm")

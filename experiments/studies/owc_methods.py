@@ -47,15 +47,15 @@ def main(coarse: float = 0.01, fine: float = 0.005, t1: float = 12.8) -> None:
             height = amplitude(b, name, PERIOD, periods)
             mae = 100 * analysis.mae_amplitude(*pair, height, PERIOD, window=5)
             phase = 100 * analysis.mae_phase(*pair, PERIOD, window=5)
-            report.row(f"MAE_a of the {label} between the two", mae, "%", theory=0.0)
-            report.row(f"MAE_p of the {label} between the two", phase, "%", theory=0.0)
+            report.row(f"MAE_a of the {label} between the two methods", mae, "%", theory=0.0)
+            report.row(f"MAE_p of the {label} between the two methods", phase, "%", theory=0.0)
             unit = "m" if name == "chamber_level" else "Pa"
             for method, series in runs.items():
                 found = amplitude(series, name, PERIOD, periods)
                 report.row(f"{label} amplitude, {method}", found, unit, theory=expected)
         for method, series in runs.items():
             for event, (when, published) in events(series, periods).items():
-                report.row(f"{event} after the lowest level, {method}", when, "T", paper=published)
+                report.row(f"time from the lowest level to the {event}, {method}", when, "T", paper=published)
         ratio = cost["multi_node"] / cost["regional"]
         report.row("wall time, multi-node / regional", ratio, paper=PAPER_COST)
         report.picture(_picture(runs, t1, periods))
@@ -83,9 +83,9 @@ def events(series: dict[str, np.ndarray], periods: int) -> dict[str, tuple[float
     level, power = np.roll(level, -start), np.roll(power, -start)
     top = int(np.argmax(level))
     return {
-        "largest power while rising": (fine[int(np.argmax(power[:top]))], 0.25),
+        "largest power at a rising level": (fine[int(np.argmax(power[:top]))], 0.25),
         "highest level": (fine[top], 0.5),
-        "largest power while falling": (fine[top + int(np.argmax(power[top:]))], 0.75),
+        "largest power at a falling level": (fine[top + int(np.argmax(power[top:]))], 0.75),
     }
 
 

@@ -70,14 +70,19 @@ def main(dx: float = 0.02, learn: int = 16, judge: int = 12, before: int = 4, ra
         raise SystemExit(
             f"a run failed: flags {state.status.bits | other.status.bits} of model.state.Failure"
         )
-    with Report(f"phase_control_{dx:g}", "Damping over the waves' phase, learnt wave by wave", dx) as report:
+    with Report(
+        f"phase_control_{dx:g}", "Damping as a function of the waves' phase, learnt wave by wave", dx
+    ) as report:
         P = incident_power(case) * T
         a, b = np.array(with_it[2:]) / P, np.array(without[learn + 2 :]) / P
         error = float(np.sqrt((a.var(ddof=1) + b.var(ddof=1)) / len(a)))
         report.row("xi with a constant damping", b.mean())
-        report.row("xi with the damping that was learnt", a.mean())
+        report.row("xi with the learnt damping", a.mean())
         report.row(
-            "gain", a.mean() - b.mean(), bar="more than two errors", passes=a.mean() - b.mean() > 2 * error
+            "gain",
+            a.mean() - b.mean(),
+            bar="more than two standard errors",
+            passes=a.mean() - b.mean() > 2 * error,
         )
         report.row("its standard error", error)
         for name, value in zip(("a1", "b1", "a2", "b2"), np.asarray(phase), strict=True):

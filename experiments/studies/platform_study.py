@@ -17,7 +17,7 @@ PERIODS = (1.0, 1.2, 1.4)
 
 def main(dx: float = 0.02) -> None:
     """Runs or continues the nine members at the spacing dx (m)."""
-    title = "Efficiency over period and height of a platform: what the geometry's assumption changes"
+    title = "Efficiency over period and height of a platform: effect of the assumed height"
     case = study_case(dx, 12.0).replace({"device.platform_length": LENGTH, "device.platform_height": 0.0})
     with Report(f"platform_study_{dx:g}", title, dx) as report:
         over_periods(report, case, "device.platform_height", "platform", HEIGHTS, PERIODS)

@@ -30,7 +30,9 @@ def main(dx: float = 0.02, members: int = 5, workers: int = 1) -> None:
     y, x = runs["P_owc"], np.log(OTHERS / K_DM)
     fit, covariance = np.polyfit(x, y, 3, cov=True)
     slope, error = fit[2] / K_DM, float(np.sqrt(covariance[2, 2])) / K_DM
-    with Report(f"sea_slope_{dx:g}", "Slope of the mean power over K_dm in an irregular sea", dx) as report:
+    with Report(
+        f"sea_slope_{dx:g}", "Slope of the mean power with respect to K_dm in an irregular sea", dx
+    ) as report:
         report.row("mean power", found.value, "W/m", theory=js.linear_sea(case).P_owc)
         report.row("1e4 times the slope of a cubic in ln K_dm through seven runs", 1e4 * slope)
         report.row("1e4 times its standard error", 1e4 * error)
@@ -39,11 +41,11 @@ def main(dx: float = 0.02, members: int = 5, workers: int = 1) -> None:
         report.row(
             "1e4 times the ensemble's slope",
             1e4 * found.slope,
-            bar="two errors of the fit's, and its sign",
+            bar="within two standard errors of the fit, same sign",
             passes=bool(apart < 2.0 and found.slope * slope > 0.0),
         )
         report.row("1e4 times its standard error", 1e4 * found.error)
-        report.row("difference over both errors", apart)
+        report.row("difference over the combined standard error", apart)
         report.picture(_picture(found, (OTHERS, y, fit)))
 
 

@@ -27,12 +27,15 @@ def main(dx: float = 0.02, k_dm: float = 150.0) -> None:
     every = case.replace({"output.periods": 1000, "t1": 2.0 * t1})
     whole, _ = results_until(every, series)
     part, notices = results_until(case, {k: v[series["time"] < t1 - 1e-6] for k, v in series.items()})
-    title = f"The OWC with K_dm = {k_dm:g}: mean of a run and of one of twice its length"
+    title = f"The OWC with K_dm = {k_dm:g}: means of a run and of a run twice as long"
     late = series["time"] > echo
     steady = float(np.mean(series["power_pto"][late])) / incident_power(case)
     with Report(f"settling_{dx:g}_{k_dm:g}", title, dx) as report:
         report.seconds = file.results()["wall_seconds"]
-        for name, what in (("xi", "xi of the asked waves"), ("xi_measured", "xi of the measured waves")):
+        for name, what in (
+            ("xi", "xi based on the specified incident power"),
+            ("xi_measured", "xi based on the measured incident power"),
+        ):
             off = 100 * (part[name] / whole[name] - 1.0)
             report.row(f"{what}, to {2 * t1:g} s", whole[name])
             report.row(f"{what}, to {t1:g} s", part[name], theory=whole[name])
@@ -41,8 +44,8 @@ def main(dx: float = 0.02, k_dm: float = 150.0) -> None:
             report.row(f"{name}: periods averaged", found["periods"])
             report.row(f"{name}: periods left out", found["periods_left_out"])
             report.row(f"{name}: reflection", found["reflection"])
-        report.row("what the column sends back meets it again", echo, "s")
-        report.row("xi of the asked waves, from then on", steady)
+        report.row("arrival of the waves reflected by the OWC and then by the paddle", echo, "s")
+        report.row("xi based on the specified incident power, after this arrival", steady)
         t, periods = series["time"], int(series["time"][-1] / T)
         xi = analysis.per_period(t, series["power_pto"], T, periods) / incident_power(case)
         figure = Figure(figsize=(8, 4), layout="constrained")

@@ -26,7 +26,9 @@ TIMES = (1.5, 1.8)
 
 def main(dx: float = 0.02) -> None:
     """Computes the slopes, with respect to K_dm, of the energy absorbed in 1.5 and in 1.8 s."""
-    with Report(f"switch_study_{dx:g}", "Exact slope over K_dm against differences", dx) as report:
+    with Report(
+        f"switch_study_{dx:g}", "Exact slope with respect to K_dm against a fit to runs", dx
+    ) as report:
         for layers in (1, 4):
             case = short_case(dx, max(TIMES)).replace({"device.wall_thickness": layers * dx})
             name = f"wall of {layers} spacings" if layers > 1 else "wall of one spacing"
@@ -39,8 +41,12 @@ def main(dx: float = 0.02) -> None:
                 fit = parabola(K * offsets, of_runs)
                 until = f"{name}, {t1:g} s"
                 excess = 100 * (exact.slope / fit.slope - 1)
-                report.row(f"{until}: exact slope over that of {MEMBERS} runs, minus 1", excess, "%")
-                report.row(f"{until}: standard error of this ratio", 100 * fit.error / fit.slope, "%")
+                report.row(
+                    f"{until}: relative difference of the exact slope from that of {MEMBERS} runs",
+                    excess,
+                    "%",
+                )
+                report.row(f"{until}: standard error of this difference", 100 * fit.error / fit.slope, "%")
                 # the offsets are symmetric, so that the variance of the slope is scatter^2 / sum (K a)^2
                 scatter = fit.error * np.linalg.norm(K * offsets)
                 report.row(f"{until}: scatter of a run about the parabola", 100 * scatter / fit.value, "%")

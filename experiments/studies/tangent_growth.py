@@ -21,17 +21,17 @@ def main(dx: float = 0.02, t1: float = 4.0) -> None:
     found = js.derivative(case, "pto.K_dm", "energy_pto", js.Exact(least=0.0))
     t, grain = found.series["time"], found.slopes["grain"]
     reach = 0.1 * dx / np.maximum(grain, 1e-300) / case.pto.K_dm
-    with Report(f"tangent_growth_{dx:g}", "Growth of an exact derivative over K_dm", dx) as report:
+    with Report(f"tangent_growth_{dx:g}", "Growth of an exact derivative with respect to K_dm", dx) as report:
         for share in (0.1, 0.01):
             lost = np.flatnonzero(reach < share)
             report.row(
-                f"a change by {100 * share:g} % moves neighbours apart by dx/10 from",
+                f"time from which a change of K_dm by {100 * share:g} % moves neighbours apart by dx/10",
                 t[lost[0]] if lost.size else t1,
                 "s",
             )
         grown = (reach < 1.0) & (reach > 1e-6)
         rate = np.polyfit(t[grown], np.log(grain[grown]), 1)[0]
-        report.row("e-folding time of what neighbours differ by", 1 / rate, "s")
+        report.row("e-folding time of the difference between neighbours' slopes", 1 / rate, "s")
         report.row("slope of the energy absorbed to t1", found.slope, "J/m per unit")
         figure = Figure(figsize=(7, 4), layout="constrained")
         axis = figure.subplots()

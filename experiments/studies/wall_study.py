@@ -32,11 +32,11 @@ def main(
         own = float(np.sqrt(np.nansum(error[0] ** 2 + error[-1] ** 2)) / len(periods))
         # in the paper the efficiency falls with growing thickness of the wall
         report.row(
-            "mean change of xi from the thinnest to the thickest",
+            "mean change of xi from the thinnest to the thickest wall",
             mean,
             theory=expected,
             paper="below zero",
-            bar="below zero by two errors",
+            bar="below zero by two standard errors",
             passes=mean < -2.0 * own,
         )
-        report.row("standard error of this ratio", own)
+        report.row("standard error of this change", own)

@@ -71,12 +71,12 @@ def main(dx: float = 0.01) -> None:
             found, theory = (half_range(one[name], T) for one in (over, taken))
             _compare(report, f"{name}: amplitude", found, MOTIONS[name], theory, BAR[name])
         found, theory = (T * analysis.drift_rate(*one["surge"], T) for one in (over, taken))
-        _compare(report, "surge: drift in a period", found, "m", theory, BAR["surge"])
+        _compare(report, "surge: drift per period", found, "m", theory, BAR["surge"])
         found, theory = (float(np.mean(one["pitch"][1])) for one in (over, taken))
         report.row("pitch: mean", found, "rad", theory=theory)
         report.row("incident height", results["incident_height"], "m", theory=case.waves.H)
         height = 2.0 * half_range(taken["elevation"], T)
-        report.row("measured: range of the level at the gauge", height, "m", theory=case.waves.H)
+        report.row("measured wave height at the gauge", height, "m", theory=case.waves.H)
         report.row("reflection", results["reflection"])
         report.row("periods averaged", periods)
         names = {"residual": "energy not accounted for", "projection": "lost in the projection"}
@@ -95,7 +95,7 @@ def _compare(report: Report, what: str, found: float, unit: str, theory: float, 
     """Reports a value, the measured value, and the error."""
     off = 100.0 * (found / theory - 1.0)
     report.row(what, found, unit, theory=theory, bar=f"within {bar:g} %", passes=abs(off) < bar)
-    report.row("the same: off the measured", off, "%")
+    report.row("the same: deviation from the measurement", off, "%")
 
 
 @in_style

@@ -40,7 +40,7 @@ def main(dx: float = 0.02) -> None:
             off = np.interp(velocity[now, 0], since, u[:, k]) - velocity[now, 1]
             rms = float(np.sqrt(np.mean(off**2)))
             report.row(
-                f"velocity at x = {point[0]:g} m: RMS off the measured, {COMPARED[0]:g} to {COMPARED[1]:g} s",
+                f"velocity at x = {point[0]:g} m, {COMPARED[0]:g} to {COMPARED[1]:g} s: RMS error",
                 rms,
                 "m/s",
                 bar="under 0.25 at dx = 0.01 m",
@@ -59,8 +59,8 @@ def main(dx: float = 0.02) -> None:
             bar="within 20 %",
             passes=abs(impulse / IMPULSE - 1) < 0.2,
         )
-        report.row("impact after the release", float(hit), "s", theory=0.27)
-        report.row("steps of those per second", results["particle_steps_per_second"], "1/s")
+        report.row("time from the release to the impact", float(hit), "s", theory=0.27)
+        report.row("particle steps per second", results["particle_steps_per_second"], "1/s")
         left.set(xlabel="time from the bore's arrival, s", ylabel="u, m/s", xlim=(-0.1, 1.3))
         left.legend(fontsize="small")
         right.plot(measured[:, 0] - hit_measured, measured[:, 1], "k-", lw=0.8, label="measured")

@@ -214,7 +214,7 @@ def _front_rows(report: Report, label: str, front: Front) -> None:
     sources = measured()
     outside = float(np.max(found.outside))
     report.row(
-        f"{label}: front outside the shifted envelope, largest",
+        f"{label}: largest distance of the front outside the shifted envelope",
         outside,
         "a",
         theory=0.0,
@@ -223,10 +223,10 @@ def _front_rows(report: Report, label: str, front: Front) -> None:
     )
     report.row(f"{label}: the same, RMS", float(np.sqrt(np.mean(found.outside**2))), "a", theory=0.0)
     for name in sources:
-        for kind, off in (("as it is", found.raw[name]), ("shifted", found.deviation[name])):
+        for kind, off in (("unshifted", found.raw[name]), ("shifted", found.deviation[name])):
             report.row(f"{label}: {name}, {kind}, largest", float(off[np.argmax(abs(off))]), "a", theory=0.0)
             report.row(f"{label}: {name}, {kind}, RMS", float(np.sqrt(np.mean(off**2))), "a", theory=0.0)
-        report.row(f"{label}: leads {name} by, in T", found.lead[name])
+        report.row(f"{label}: lead over {name}, in T", found.lead[name])
     for low, high in ((2.0, 3.6), (4.0, 6.5)):
         of = {n: slope(s.T, s.x, low, high) for n, s in sources.items() if s.x[-1] >= high}
         report.row(
@@ -238,19 +238,23 @@ def _front_rows(report: Report, label: str, front: Front) -> None:
     T = np.sqrt(2) * tau
     early = found.lead["Martin and Moyce, table"]
     known = T - early < front.T[-1]
-    for kind, shift in (("as it is", 0.0), ("with the front's shift", early)):
+    for kind, shift in (("unshifted", 0.0), ("with the front's shift", early)):
         off = np.interp(T[known] - shift, front.T, front.height) - height[known]
         rms = float(np.sqrt(np.mean(off**2)))
-        report.row(f"{label}: residual height, {kind}, RMS of 2a", rms, theory=0.0)
+        report.row(f"{label}: residual height, {kind}, RMS error over 2a", rms, theory=0.0)
 
 
 def _energy_rows(report: Report, label: str, file: RunFile, length: float, height: float) -> None:
     """Reports the energy. Stored energy may only fall, because no gate, paddle or air does work on water."""
     grown, share = energy_growth(file.series(), length, height)
     report.row(
-        f"{label}: energy's largest rise / potential", grown, theory=0.0, bar="< 1e-3", passes=grown < 1e-3
+        f"{label}: largest rise of the energy / potential energy",
+        grown,
+        theory=0.0,
+        bar="< 1e-3",
+        passes=grown < 1e-3,
     )
-    report.row(f"{label}: energy not accounted for / potential", share, theory=0.0)
+    report.row(f"{label}: energy not accounted for / potential energy", share, theory=0.0)
 
 
 def energy_growth(series: dict[str, np.ndarray], length: float, height: float) -> tuple[float, float]:
@@ -393,7 +397,9 @@ def _impacts(resolutions: list[int]) -> None:
                 report.row(f"{label}: plateau, p/(rho g H)", here.plateau, paper=there.plateau)
                 off = np.interp(t_there[window], t, smooth) - p_there[window]
                 rms = float(np.sqrt(np.mean(off**2)))
-                report.row(f"{label}: RMS over {WINDOW[0]:g} to {WINDOW[1]:g}", rms, "rho g H")
+                report.row(
+                    f"{label}: RMS error from {WINDOW[0]:g} to {WINDOW[1]:g} sqrt(H/g)", rms, "rho g H"
+                )
                 steady = (t > PLATEAU[0]) & (t < PLATEAU[1])
                 noise = float(np.std(raw[steady] - smooth[steady]))
                 report.row(f"{label}: noise of the plateau, unsmoothed", noise, "rho g H", theory=0.0)

@@ -111,7 +111,7 @@ def main(dx: float = 0.02, flap_dx: float = 0.01) -> None:
             draught = ratio * SIDE - heave / (1.0 - SIDE / 1.2)
             off = draught / (ratio * SIDE) - 1.0
             report.row(
-                f"box of {ratio:g} of the water's density: draught's error",
+                f"box of {ratio:g} times the water's density: error of the draught",
                 100 * off,
                 "%",
                 bar="2 %",
@@ -132,7 +132,8 @@ def _box(report: Report, ax, spacings: tuple[float, ...]) -> None:
         off = float(np.max(np.abs(-np.interp(t, series["time"], series["heave"]) - sunk))) / BOX
         finest = dx == min(spacings)
         report.row(
-            f"sinking box, dx = {dx:g} m: off the measured until {sunk[-1] / BOX:.1f} sides deep, of a side",
+            f"sinking box, dx = {dx:g} m: largest error of the depth, to {sunk[-1] / BOX:.1f} sides, "
+            "over a side",
             100 * off,
             "%",
             bar="10 %" if finest else "",
@@ -156,8 +157,8 @@ def _cylinder(report: Report, ax, dx: float) -> None:
             off = float(np.max(np.abs(np.interp(theory[:, 0], t, depth) - theory[:, 1])))
             if kind or ratio < 1.0:
                 report.row(
-                    f"cylinder of {ratio:g}, dx = {dx:g} m: largest distance from "
-                    f"{'potential flow' if kind else 'the measured'}, of its diameter",
+                    f"cylinder of {ratio:g} times the water's density, dx = {dx:g} m: largest deviation of "
+                    f"the depth from {'potential flow' if kind else 'the measurement'}, over the diameter",
                     100 * off,
                     "%",
                     bar="10 %" if kind else "",
@@ -175,8 +176,8 @@ def _flap(report: Report, axes, spacings: tuple[float, ...]) -> None:
         energy = series["kinetic"] + series["potential"]
         free = t >= 0
         time, share = extremes(t[free], angle[free])
-        report.row(f"flap let go, dx = {dx:g} m: half a period", time, "s")
-        report.row("the same: the first swing's share of the first angle", share)
+        report.row(f"flap released, dx = {dx:g} m: duration of the first swing", time, "s")
+        report.row("the same: angle after the first swing over the initial angle", share)
         lost = energy[free] - energy[free][0]
         whole = float(lost[0] - lost.min())
         # single readings scatter by 0.02 to 0.08 J/m; the water has 17 kJ/m
@@ -185,7 +186,7 @@ def _flap(report: Report, axes, spacings: tuple[float, ...]) -> None:
         grown = float(np.max(mean - np.minimum.accumulate(mean)))
         report.row("the same: energy lost", whole, "J/m")
         report.row(
-            "the same: largest rise of its mean over a second",
+            "the same: largest rise of the energy averaged over one second",
             grown,
             "J/m",
             bar="never grows",

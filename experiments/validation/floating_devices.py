@@ -19,7 +19,7 @@ DEVICES = ("box_moored", "buoy_heave", "raft", "flap_floating", "owc_floating")
 ENERGIES = {"residual": 2.0, "projection": 5.0, "hyperviscosity": np.inf}
 """Terms of the energy balance, and the largest allowed magnitude of each, % of the paddle's work."""
 AMPLITUDE = "linear_amplitude_"
-"""Beginning of the names of results that are amplitudes by linear theory."""
+"""Prefix of the names of results that are amplitudes by linear theory."""
 
 
 def off_theory(results: dict[str, float]) -> dict[str, float]:
@@ -54,7 +54,7 @@ def main(dx: float = 0.02) -> None:
             report.seconds += results["wall_seconds"]
             every[name] = off_theory(results)
             for reading, off in every[name].items():
-                report.row(f"{name}: {reading.replace('_', ' ')}, off linear theory", off, "%")
+                report.row(f"{name}: {reading.replace('_', ' ')}, deviation from linear theory", off, "%")
             report.row(f"{name}: incident height", results["incident_height"], "m")
             for energy, most in ENERGIES.items():
                 share = of_paddle(results, energy)
@@ -80,5 +80,5 @@ def _picture(every: dict[str, dict[str, float]]) -> Figure:
         ax.set_yticks(rows, [one.replace("_", " ") for one in off], fontsize=6)
         ax.axvline(0.0, color="black", lw=0.8)
         ax.set_title(name, fontsize=8)
-        ax.set_xlabel("off theory (%)", fontsize=7)
+        ax.set_xlabel("deviation from theory (%)", fontsize=7)
     return figure

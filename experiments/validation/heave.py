@@ -68,7 +68,7 @@ def extremes(t: np.ndarray, z: np.ndarray, count: int = 3) -> tuple[np.ndarray, 
         crossed = np.flatnonzero(sign * z[start:] > 0)
         if not crossed.size:
             raise ValueError(
-                f"the record of {t[-1] - t[0]:.3g} s has {n} turning points, not {count}: run longer"
+                f"the record of {t[-1] - t[0]:.3g} s has {n} turning points, not {count}: increase t1"
             )
         first = start + int(crossed[0])
         back = np.flatnonzero(sign * z[first:] < 0)
@@ -97,7 +97,7 @@ def period_and_damping(t: np.ndarray, z: np.ndarray) -> tuple[float, float]:
 
 def main(dx: float = 0.01) -> None:
     """Runs both schemes and compares them with theory."""
-    with Report(f"heave_{dx:g}", "Half-immersed cylinder let go in heave, both schemes, 2-D", dx) as report:
+    with Report(f"heave_{dx:g}", "Half-immersed cylinder released in heave, both schemes, 2-D", dx) as report:
         figure = Figure(figsize=(7, 4), layout="constrained")
         ax = figure.subplots()
         t, z = _theory(report)
@@ -115,7 +115,7 @@ def main(dx: float = 0.01) -> None:
             still = float(np.max(series["max_speed"][~free]))
             report.row("the same: largest speed while the water settles", still, "m/s", theory=0.0)
             ax.plot(t, z / LIFT, label=name)
-        ax.axvline(BACK, color="0.8", lw=1, zorder=0, label="waves are back from the ends")
+        ax.axvline(BACK, color="0.8", lw=1, zorder=0, label="waves return from the ends")
         ax.set(xlabel="t from the release, s", ylabel="height over that at the release")
         ax.legend(fontsize="small")
         report.picture(figure)
@@ -130,19 +130,29 @@ def _theory(report: Report) -> tuple[np.ndarray, np.ndarray]:
     mine, strip = CYLINDER.coefficients(omega), strip_of_a_long_cylinder(CYLINDER, omega, 3.0)
     for name, here, beside in zip(("added mass", "damping"), mine, strip, strict=True):
         off = here / beside - 1.0
-        check = f"theory: {name} at {omega:.3g} rad/s off that of a 3-D boundary-element code"
+        check = f"theory: {name} at {omega:.3g} rad/s, difference from a 3-D boundary-element code"
         report.row(check, 100 * off, "%", bar="2 %", passes=abs(off) < 0.02)
     off = CYLINDER.damping_of_the_waves(omega) / mine[1] - 1.0
     report.row(
-        "theory: damping off the energy of the waves", 100 * off, "%", bar="0.1 %", passes=abs(off) < 1e-3
+        "theory: damping, difference from that by the energy of the radiated waves",
+        100 * off,
+        "%",
+        bar="0.1 %",
+        passes=abs(off) < 1e-3,
     )
     off = release.added_mass_off_the_memory()
-    report.row("theory: added mass off the memory's", 100 * off, "%", bar="0.1 %", passes=off < 1e-3)
     report.row(
-        "soonest return of a wave from the tank's ends",
+        "theory: added mass, difference from that by the memory function",
+        100 * off,
+        "%",
+        bar="0.1 %",
+        passes=off < 1e-3,
+    )
+    report.row(
+        "earliest return of a wave from the tank's ends",
         BACK,
         "s",
-        bar=f"after the third turn, {times[3]:.3f} s",
+        bar=f"after the third turning point, {times[3]:.3f} s",
         passes=BACK > times[3] + 0.125 * (times[3] - times[2]),
     )
     return t, z

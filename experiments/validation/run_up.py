@@ -46,19 +46,19 @@ def main(dx: float = 0.02, H: float = 0.04) -> None:
     results, series = file.results(), file.series()
     z = 2.0 * (2.0 * np.pi / T) / np.sqrt(case.g * DEPTH) * DEPTH / SLOPE
     theory = float((j0(z) ** 2 + j1(z) ** 2) ** -0.5)
-    with Report(f"run_up_{dx:g}_{H:g}", "Run-up of waves that do not break on 1:2", dx) as report:
+    with Report(f"run_up_{dx:g}_{H:g}", "Run-up of non-breaking waves on a slope of 1:2", dx) as report:
         still = float(np.mean(series["run_up_slope"][series["time"] < 1.0]))
         height = results["incident_height"]
         first, second = (_harmonic(series, results["periods"], k) / height for k in (1, 2))
         off = 100.0 * (first / theory - 1.0)
         report.row("first harmonic of the level on the slope over the incident height", first, theory=theory)
-        report.row("the same: off theory", off, "%", bar="10 %", passes=abs(off) < 10.0)
+        report.row("the same: deviation from theory", off, "%", bar="10 %", passes=abs(off) < 10.0)
         report.row("second harmonic over the incident height", second)
         report.row("highest level over the incident height", (results["run_up_slope"] - still) / height)
         back = results["reflection"]
         report.row("reflection", back, theory=1.0, bar="10 %", passes=abs(back - 1.0) < 0.1)
         report.row("incident height", results["incident_height"], "m", theory=H)
-        report.row("level read on the slope in still water", 1e3 * still, "mm", theory=0.0)
+        report.row("measured level on the slope in still water", 1e3 * still, "mm", theory=0.0)
         for energy in ("hyperviscosity", "projection", "residual"):
             share = of_paddle(results, energy, "whole_")
             report.row(f"{energy}, over the paddle's work, whole run", share, "%", theory=0.0)

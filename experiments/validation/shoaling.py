@@ -48,13 +48,17 @@ def main(dx: float = 0.02, H: float = 0.04, T: float = 1.2) -> None:
     over = series["time"] > series["time"][-1] - results["periods"] * T + 1e-9
     heights = 2.0 * np.sqrt(2.0) * np.std(np.float64(series["eta"][over]), axis=0)
     incident = results["incident_height"]
-    with Report(f"shoaling_{dx:g}_{H:g}", "Waves up a bed of 1:10", dx) as report:
+    with Report(f"shoaling_{dx:g}_{H:g}", "Shoaling of waves on a bed of 1:10", dx) as report:
         for x, height in zip(PLACES, heights[-len(PLACES) :], strict=True):
             depth = depth_at(x)
             expected = float(np.sqrt(_energy_speed(T, DEPTH, case.g) / _energy_speed(T, depth, case.g)))
             off = 100.0 * (height / incident / expected - 1.0)
-            report.row(f"depth {depth:g} m: height over the incident", height / incident, theory=expected)
-            report.row("the same: off linear shoaling", off, "%", bar="3 %", passes=abs(off) < 3.0)
+            report.row(
+                f"depth {depth:g} m: wave height over the incident height", height / incident, theory=expected
+            )
+            report.row(
+                "the same: deviation from linear shoaling theory", off, "%", bar="3 %", passes=abs(off) < 3.0
+            )
         report.row("incident height", incident, "m", theory=H)
         report.row("reflection", results["reflection"])
         report.row("periods averaged", results["periods"])

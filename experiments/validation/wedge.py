@@ -1,4 +1,4 @@
-"""Water entry of a wedge of 30 degrees: pressure and force against the similarity flow, and a free fall.
+"""Water entry of a wedge of 30 degrees: pressure and force against the similarity solution; free fall.
 
 At constant speed V, without gravity and far from the chines, the flow is self-similar: pressures depend on
 z/(Vt) only, and the force grows as rho V^3 t (Zhao and Faltinsen 1993). `experiments/reference/README.md` has
@@ -66,7 +66,7 @@ def main(dx: float = 0.005) -> None:
             bar="within 10 %",
             passes=abs(slope / FORCE - 1) < 0.1,
         )
-        report.row("2p/(rho V²) from z/(Vt) = -0.9 to 0.3: RMS off the similarity flow", off)
+        report.row("2p/(rho V²) from z/(Vt) = -0.9 to 0.3: RMS deviation from the similarity solution", off)
         for at, theory in FALL.items():
             speed = -float(np.interp(at, free["time"], free["body_velocity"][:, 1]))
             report.row(f"free fall: speed at {1000 * at:g} ms", speed, "m/s", theory=theory)

@@ -37,16 +37,16 @@ def main(dx: float = 0.01) -> None:
         report.row("period with closed air", 2.0 * np.pi / omegas[1], "s")
         apart = ratio / exact - 1.0
         report.row(
-            "frequency with closed air over that without",
+            "frequency with closed air over that under a constant pressure",
             ratio,
             theory=exact,
             bar="1 %",
             passes=abs(apart) < 0.01,
         )
         leak = float(np.abs(closed["flow_pto"]).max() / np.abs(closed["flow"]).max())
-        report.row("largest flow through the closed turbine, of the water's", leak)
+        report.row("largest flow through the closed turbine over that of the water", leak)
         report.row(
-            "energy booked by the air over the change of what it stores",
+            "energy recorded for the air over the change of its stored energy",
             closed["booked"] / closed["stored"],
             theory=1.0,
             bar="1 %",

@@ -18,10 +18,10 @@ def main(dx: float = 0.02) -> None:
     t, behind = series["time"], np.float64(series["overtopped_breakwater"])
     flow = np.float64(series["overtopping_breakwater"])
     passed = cumulative_trapezoid(flow, t, initial=0.0)
-    with Report(f"breakwater_{dx:g}", "Waves that go over a breakwater", dx) as report:
+    with Report(f"breakwater_{dx:g}", "Waves that overtop a breakwater", dx) as report:
         ratio = behind[-1] / passed[-1]
         report.row(
-            "water behind the crest over what flowed over it",
+            "volume of water behind the crest over the volume that flowed over the crest",
             ratio,
             theory=1.0,
             bar="2 %",

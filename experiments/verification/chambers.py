@@ -24,7 +24,7 @@ water on its two sides."""
 
 def main(dx: float = 0.02) -> None:
     """Runs or continues the built-in cases and three forms of an OWC at the spacing dx (m)."""
-    with Report(f"chambers_{dx:g}", "Chambers between any walls", dx) as report:
+    with Report(f"chambers_{dx:g}", "Chambers between arbitrary walls", dx) as report:
         for name in CASES:
             file = solved(js.load_case(name).replace({"dx": dx}), f"{name}_{dx:g}")
             _balance(report, name, file.results())
@@ -57,11 +57,11 @@ def _duct(report: Report, file: RunFile) -> None:
     expected = 0.5 * law.density * np.abs(flow) * flow / (law.discharge * law.area) ** 2
     largest = np.abs(drop).max()
     for label, off in (
-        ("the duct's pressure drop off its law", expected - drop),
-        ("the chambers' pressures off the drop", between - drop),
+        ("largest difference of the duct's pressure drop from its law", expected - drop),
+        ("largest difference of the chambers' pressure difference from the drop", between - drop),
     ):
         share = 100 * np.abs(off).max() / largest
-        report.row(f"{label}, of the largest drop", share, "%", bar="within 0.2 %", passes=share < 0.2)
+        report.row(f"{label}, over the largest drop", share, "%", bar="within 0.2 %", passes=share < 0.2)
     report.row("lost in the duct, over the paddle's work", of_paddle(file.results(), "duct_cross"), "%")
 
 
@@ -96,8 +96,8 @@ def _two_forms(report: Report, dx: float) -> None:
         over = series["time"] > case.t1 - 3.0 * case.waves.T
         found[label] = (results["xi"], float(np.ptp(P_a[over])) / 2.0, results["xi_scatter"], series, P_a)
         report.row(f"{label}: absorbed over incident power", results["xi"])
-        report.row(f"{label}: from period to period", results["xi_scatter"])
-        report.row(f"{label}: swing of the pressure, half", found[label][1], "Pa")
+        report.row(f"{label}: scatter of the efficiency from period to period", results["xi_scatter"])
+        report.row(f"{label}: pressure amplitude", found[label][1], "Pa")
         report.row(
             f"{label}: hyperviscosity, over the paddle's work", of_paddle(results, "hyperviscosity"), "%"
         )
@@ -105,12 +105,16 @@ def _two_forms(report: Report, dx: float) -> None:
     off = abs(one[0] - other[0])
     scatter = max(one[2], other[2])
     report.row(
-        "solid against plate: efficiency apart",
+        "solid against plate: difference of the efficiency",
         off,
         bar=f"the scatter, {scatter:.2g}",
         passes=off < scatter,
     )
-    report.row("solid against plate: pressure apart", 100 * (other[1] / one[1] - 1.0), "%")
+    report.row(
+        "solid against plate: relative difference of the pressure amplitude",
+        100 * (other[1] / one[1] - 1.0),
+        "%",
+    )
     report.picture(_pressures(found))
 
 

@@ -24,7 +24,7 @@ def main(dx: float = 0.04, t1: float = 2.0) -> None:
         {"dx": dx, "device.wall_thickness": dx, "t1": t1, "output.snapshot_dt": 0.1}
     )
     over = {"pto.K_dm": [200.0, 400.0, 800.0, 1600.0], "waves.H": [0.03, 0.04]}
-    title = f"The OWC in eight members to {t1:g} s by two workers of Dask, one of them killed"
+    title = f"Sweep of eight runs of the OWC to {t1:g} s by two Dask workers, one of which is killed"
     with tempfile.TemporaryDirectory() as folder, Report("cluster_sweep", title, dx) as report:
         alone = js.sweep(case, over, Path(folder) / "alone.h5", workers=1)
         shared = Path(folder) / "shared.h5"
@@ -42,10 +42,15 @@ def main(dx: float = 0.04, t1: float = 2.0) -> None:
             for place, series in alone.members.items()
         )
         ended = len(both.members) - len(both.failures)
-        report.row("members that ended well", float(ended), bar="8", passes=ended == 8)
-        report.row("members equal bit for bit to those run in turn", float(same), bar="8", passes=same == 8)
+        report.row("members without failure", float(ended), bar="8", passes=ended == 8)
+        report.row(
+            "members equal bit for bit to those of a sweep without Dask",
+            float(same),
+            bar="8",
+            passes=same == 8,
+        )
         kept = f"{killed[0]:.2f}" if killed else "no worker was killed"
-        report.row("checkpoint of the killed worker's member (s)", kept, passes=bool(killed))
+        report.row("time of the checkpoint of the killed worker's member (s)", kept, passes=bool(killed))
 
 
 def _kill_one(client: Client, out: Path, killed: list[float]) -> None:

@@ -49,10 +49,10 @@ class SurfaceModes(AbstractProbe):
 
 
 def main(dx: float = 0.04, amplitude: float = 0.01, weakly_compressible: bool = False) -> None:
-    """Runs a standing wave of this amplitude (m) in the second mode, with each kind of wall and with none."""
+    """Runs a standing wave of this amplitude (m), second mode, with each kind of wall and without walls."""
     kind = "weakly_compressible" if weakly_compressible else "incompressible"
     name = f"contact_line_{dx:g}_{amplitude:g}" + "_weakly_compressible" * weakly_compressible
-    title = f"Short waves from where the surface of a standing wave of {amplitude:g} m meets walls, {kind}"
+    title = f"Short waves from the contact line of a standing wave of {amplitude:g} m, {kind}"
     changes = {"dx": dx, "scheme.kind": kind, "start.amplitude": amplitude, "start.mode": WAVE}
     case = js.load_case("hydrostatic").replace(
         changes | {"output.sample_dt": SAMPLE, "probes.pressure": None}
@@ -75,13 +75,13 @@ def main(dx: float = 0.04, amplitude: float = 0.01, weakly_compressible: bool = 
                 beyond = float(np.max(short - without[time]))
                 shown = "images" in walls
                 report.row(
-                    f"{walls}: modes 4 to 12 over mode 2 at {time:g} s, largest",
+                    f"{walls}: largest of modes 4 to 12 over mode 2 at {time:g} s",
                     100 * short.max(),
                     "%",
                     theory=0.0,
                 )
                 report.row(
-                    f"{walls}: the same beyond those without walls",
+                    f"{walls}: largest excess of such a ratio over that in the periodic tank",
                     100 * beyond,
                     "%",
                     theory=0.0,
@@ -91,7 +91,7 @@ def main(dx: float = 0.04, amplitude: float = 0.01, weakly_compressible: bool = 
                 axis.plot(SHORT, 100 * short, "o-", label=walls)
                 axis.set(xlabel="mode", title=f"t = {time:g} s")
             off = 2 * np.pi / np.hypot(found.omega, found.decay_rate) / period - 1
-            report.row(f"{walls}: period off linear theory", 100 * off, "%", theory=0.0)
+            report.row(f"{walls}: error of the period against linear theory", 100 * off, "%", theory=0.0)
             report.row(f"{walls}: decay", found.decay_rate, "1/s", theory=0.0)
         axes[0].set(ylabel="vertical speed over the wave's, %", ylim=(0, None))
         axes[0].legend(fontsize="small")

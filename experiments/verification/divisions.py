@@ -45,12 +45,14 @@ class Found(NamedTuple):
 
 
 def main(dx: float = 0.01, t1: float = 10.0) -> None:
-    """Runs the three divisions with and without the background to t1 (s)."""
+    """Runs the three divisions with and without the background pressure to t1 (s)."""
     found = {}
     for background in (True, False):
         for division in "abc":
             found[division, background] = _kept(division, background, dx, t1)
-    with Report(f"divisions_{dx:g}", f"Vessels at rest for {t1:g} s by region division", dx) as report:
+    with Report(
+        f"divisions_{dx:g}", f"Vessels at rest for {t1:g} s with three region divisions", dx
+    ) as report:
         report.seconds = sum(run.seconds for run in found.values())
         report.row("potential energy scale, rho g d^2/2 times the width", SCALE, "J/m")
         for (division, background), run in found.items():
@@ -167,7 +169,9 @@ def verdict(run: Found) -> str:
 
 
 def _rows(report: Report, division: str, background: bool, run: Found, t1: float) -> None:
-    label = f"({division}) {'as a user runs it' if background else 'without the background'}"
+    label = (
+        f"({division}) {'with the background pressure' if background else 'without the background pressure'}"
+    )
     share = run.kinetic / SCALE
     # A failed run has no energy at t1 and counts as missed. Only the division that the code uses has a limit.
     last = "failed" if run.ended else float(share[-1])
@@ -179,8 +183,8 @@ def _rows(report: Report, division: str, background: bool, run: Found, t1: float
         bar=f"< {BAR:g}" if barred else "",
         passes=(not run.ended and last < BAR) if barred else None,
     )
-    report.row(f"{label}: largest ever / scale", float(np.nanmax(share)))
-    report.row(f"{label}: the water is", verdict(run), theory="at rest", paper=PAPER[division])
+    report.row(f"{label}: largest kinetic energy / scale", float(np.nanmax(share)))
+    report.row(f"{label}: state of the water", verdict(run), theory="at rest", paper=PAPER[division])
     report.row(f"{label}: RMS pressure error / rho g d", 100 * pressure_error(run), "%", theory=0.0)
     report.row(f"{label}: largest speed at the end", float(run.max_speed[-1]), "m/s", theory=0.0)
 
@@ -197,7 +201,7 @@ def _energies(found: dict[tuple[str, bool], Found]) -> Figure:
         axis.semilogy(
             run.t[shown], run.kinetic[shown] / SCALE, style, color=COLOURS[division], lw=1, label=label
         )
-    axis.axhline(BAR, color="0.4", lw=1, ls=":", label="bar")
+    axis.axhline(BAR, color="0.4", lw=1, ls=":", label="limit")
     axis.set(xlabel="t, s", ylabel="kinetic energy / (rho g d$^2$ width / 2)")
     axis.legend(fontsize="small", ncols=2)
     return figure
@@ -212,7 +216,7 @@ def _fields(runs: dict[str, Found], dx: float) -> Figure:
     rows = (
         ("pressure, Pa", lambda run: run.p, (0.0, 9810 * DEPTH), "viridis"),
         (
-            "pressure less rho g (d - z), Pa",
+            "pressure minus rho g (d - z), Pa",
             lambda run: run.p - 9810 * (DEPTH - run.x[:, 1]),
             (-200, 200),
             "RdBu",

@@ -236,7 +236,7 @@ def main(dx: float = 0.02, places: int = PLACES, t1: float = T1) -> None:
     free = ("surge", "heave", "pitch")
     tanks = [Tank(shape, ratio, dx, places=places) for shape in SHAPES for ratio in RATIOS]
     tanks += [Tank(FLAT, ratio, dx, free, places) for ratio in RATIOS]
-    title = f"Floating bodies at {places} places relative to the lattice"
+    title = f"Floating bodies at {places} positions relative to the lattice"
     with Report(f"draughts_{dx:g}", title, dx) as report:
         found: Found = []
         report.seconds = 0.0
@@ -249,7 +249,7 @@ def main(dx: float = 0.02, places: int = PLACES, t1: float = T1) -> None:
             found.append((tank, errors))
             worst = float(errors[np.argmax(np.abs(errors))])
             report.row(
-                f"{tank.shape.name}, {tank.ratio:g} of the water's density: largest error of the draught",
+                f"{tank.shape.name}, {tank.ratio:g} times the water's density: largest error of the draught",
                 worst,
                 "dx",
                 theory=0.0,
@@ -276,8 +276,8 @@ def _picture(found: Found) -> Figure:
                 place = tank.offsets()[:, 1]
                 order = np.argsort(place)
                 ax.plot(place[order], errors[order], "o-", ms=3, lw=0.8, label=f"{tank.ratio:g}")
-        ax.set(title=name, xlabel="lowest point, dx off the lattice")
+        ax.set(title=name, xlabel="lowest point above a lattice line, dx")
         ax.title.set_fontsize("small")
-    axes[0].set(ylabel="draught less the exact one, dx")
+    axes[0].set(ylabel="error of the draught, dx")
     axes[-1].legend(title="density", fontsize="small")
     return figure

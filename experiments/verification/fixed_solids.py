@@ -34,11 +34,11 @@ class Rest(NamedTuple):
 
 def main(dx: float = 0.02, t1: float = 10.0) -> None:
     """Runs or continues the five tanks at the spacing dx (m) to t1 (s)."""
-    with Report(f"fixed_solids_{dx:g}", "Still water beside solids that do not move", dx) as report:
+    with Report(f"fixed_solids_{dx:g}", "Still water beside fixed solids", dx) as report:
         for name, rest in solids(dx).items():
             file = solved(at_rest(name, rest, dx, t1), f"fixed_solids_{name}_{dx:g}", t1)
             speed = 100 * largest_speed(file) / np.sqrt(G * DEPTH)
-            label = f"{rest.label}: largest speed from 1 s on, over sqrt(g d)"
+            label = f"{rest.label}: largest speed after 1 s over sqrt(g d)"
             report.row(label, speed, "%", theory=0.0, bar="< 0.5 %", passes=speed < 0.5)
             series = file.series()
             rest_of_it = file.results()["energy_residual"]
@@ -63,20 +63,20 @@ def solids(dx: float) -> dict[str, Rest]:
             (push * (DEPTH**2 - (DEPTH - 0.2) ** 2), -weight * (2.0 * DEPTH - 0.2)),
         ),
         "leaning": Rest(
-            "wall of 45 degrees",
+            "wall at 45 degrees",
             1.6,
             {"polygon": [(1.0, 0.0), (1.6, 0.6), (1.6, 0.0)]},
             (push * DEPTH**2, -push * DEPTH**2),
         ),
         "caisson": Rest("caisson", 1.6, {"block": {"low": (0.7, 0.0), "high": (1.0, 0.6)}}, None),
         "cylinder": Rest(
-            "cylinder under water",
+            "submerged cylinder",
             1.6,
             {"disc": {"centre": (0.8, 0.2), "radius": 0.1}},
             (0.0, weight * np.pi * 0.1**2),
         ),
         "plate": Rest(
-            "plate of 30 degrees through the surface, two spacings thick",
+            "surface-piercing plate at 30 degrees, two spacings thick",
             1.6,
             {"plate": {"foot": foot, "head": head, "thickness": 2.0 * dx}},
             None,

@@ -237,11 +237,15 @@ def _rows(report: Report, one: Forced, found: tuple[np.ndarray, np.ndarray]) -> 
         here = float(np.mean(values))
         check = f"{one.body.name}, {one.motion}, T = {one.T:g} s: {what}"
         if on_axis:
-            report.row(f"{check}, over that about its lowest point", here / expected, theory=0.0)
+            report.row(
+                f"{check}, over the theoretical value for roll about its lowest point",
+                here / expected,
+                theory=0.0,
+            )
             continue
         report.against(check, here, expected, unit, bar=bar)
         spread = float(np.std(values, ddof=1) / np.sqrt(len(values)))
-        report.row("the same: standard error of its mean over the periods", 100 * spread / expected, "%")
+        report.row("the same: standard error of the mean over the periods", 100 * spread / expected, "%")
 
 
 @in_style

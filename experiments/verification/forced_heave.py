@@ -146,7 +146,7 @@ def main(dx: float = 0.025, T: float = 0.7) -> None:
             for (what, bar), unit, values, expected in zip(BARS.items(), units, found, theory, strict=True):
                 report.against(f"{one.body}: {what}", float(np.mean(values)), expected, unit, bar=bar)
                 apart = float(values[1] - values[0]) / expected
-                report.row("the same: second of the two periods minus the first", 100 * apart, "%")
+                report.row("the same: value in the second period minus that in the first", 100 * apart, "%")
         report.picture(_picture(forces))
 
 

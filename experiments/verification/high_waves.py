@@ -24,7 +24,7 @@ RUNS = (
 def main() -> None:
     """Runs the tank with three Courant numbers, two other relaxation rates, and half the spacing."""
     case = js.load_case("flap_3d").replace({"tank.width": None, "body": None, "probes.surface": None})
-    with Report("high_waves", "Waves high for their depth by time step, relaxation and spacing") as report:
+    with Report("high_waves", "High waves in shallow water by time step, relaxation and spacing") as report:
         for dx, cfl, relaxation in RUNS:
             changes = {"dx": dx, "scheme.cfl": cfl, "scheme.relaxation": relaxation}
             run = js.run(case.replace(changes), progress=False)

@@ -23,7 +23,7 @@ RHO, G, DEPTH = 1000.0, 9.81, 0.5
 
 def main(dx: float = 0.025) -> None:
     """Runs the built-in case and compares draught and period."""
-    with Report(f"hull_{dx:g}", "Hull from an STL file, released heeled, 3-D", dx) as report:
+    with Report(f"hull_{dx:g}", "Heeled hull from an STL file, released in still water, 3-D", dx) as report:
         case = js.load_case("hull").replace({"dx": dx})
         file = solved(case, f"hull_{dx:g}")
         report.seconds = file.results()["wall_seconds"]
@@ -41,9 +41,9 @@ def main(dx: float = 0.025) -> None:
         draught = body.draught - (heave - rise)
         report.against("mean draught over the last period", draught, body.draught, "m", bar=0.01)
         report.against("period of roll", period, body.period(), "s", bar=0.03)
-        report.row("angles of roll at the turning points", float(np.degrees(angles[0])), "degrees")
+        report.row("angle of roll at the release", float(np.degrees(angles[0])), "degrees")
         for n in (1, 2, 3):
-            report.row(f"the same, turning point {n}", float(np.degrees(angles[n])), "degrees")
+            report.row(f"angle of roll at turning point {n}", float(np.degrees(angles[n])), "degrees")
         settled = float(np.max(series["max_speed"][~free]))
         report.row("largest speed while the water settles", settled, "m/s", theory=0.0)
         report.picture(_picture(t, np.degrees(roll), body.period()))

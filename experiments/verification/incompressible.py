@@ -39,7 +39,7 @@ def main(dx: float = 0.025, wave_dx: float = 0.02, n: int = 50, layers: list[int
         error = np.asarray(p.p) / (1000.0 * 9.81) - (1.0 - np.asarray(p.x[:, 1]))
         rms = float(np.sqrt(np.mean(error**2)))
         report.row(
-            "still water, 3 s: RMS of the pressure's error over rho g d",
+            "still water, 3 s: RMS pressure error over rho g d",
             100 * rms,
             "%",
             bar="1 %",
@@ -55,8 +55,12 @@ def main(dx: float = 0.025, wave_dx: float = 0.02, n: int = 50, layers: list[int
             report.row(
                 f"standing wave, {name}: period error", 100 * off, "%", bar="1 %", passes=abs(off) < 0.01
             )
-            report.row(f"the same: amplitude's decay, {name}", standing_wave.fitted(wave).decay_rate, "1/s")
-            report.row(f"the same: time of a second, {name}", wave.results["wall_seconds"] / 5.0, "s")
+            report.row(
+                f"the same: decay of the amplitude, {name}", standing_wave.fitted(wave).decay_rate, "1/s"
+            )
+            report.row(
+                f"the same: wall time per simulated second, {name}", wave.results["wall_seconds"] / 5.0, "s"
+            )
             if changes:
                 report.row("the same: divergence after projection, RMS", _divergence(wave), "1/s")
         for name, changes in (("weakly compressible", {}), ("incompressible", INCOMPRESSIBLE)):
@@ -64,7 +68,7 @@ def main(dx: float = 0.025, wave_dx: float = 0.02, n: int = 50, layers: list[int
         vortex = vortex_run(n)
         rate = taylor_green.decay_rate(vortex) - 1.0
         report.row(
-            "Taylor-Green, Re = 100: error of the energy's rate",
+            "Taylor-Green, Re = 100: error of the decay rate of the energy",
             100 * rate,
             "%",
             bar="3 %",
@@ -121,15 +125,19 @@ def _impact_rows(report: Report, name: str, layers: list[int], changes: dict) ->
     mean, scatter = (_Impact(*one(runs, axis=0)) for one in (np.mean, np.std))
     there = dam_break.Impact.of(*dam_break.measured_impact())
     label = f"dam break, H/dx = {', '.join(map(str, layers))}, {name}, means"
-    report.row(f"{label}: front {FRONT:g} H from the wall behind it, t sqrt(g/H)", mean.passed)
-    report.row("the same: pressure arrives on the disc, t sqrt(g/H)", mean.arrival, paper=there.arrival)
+    report.row(
+        f"{label}: time of the front at {FRONT:g} H from the wall behind the column, t sqrt(g/H)", mean.passed
+    )
+    report.row(
+        "the same: arrival of the pressure at the disc, t sqrt(g/H)", mean.arrival, paper=there.arrival
+    )
     report.row("the same: plateau of the disc's pressure, p/(rho g H)", mean.plateau, paper=there.plateau)
     report.row("the same: its standard deviation between the runs", scatter.plateau)
-    report.row("the same: RMS off Buchner's", mean.rms, "rho g H")
+    report.row("the same: RMS deviation from Buchner's measurement", mean.rms, "rho g H")
     report.row("the same: its standard deviation between the runs", scatter.rms, "rho g H")
     report.row("the same: noise of the plateau", mean.noise, "rho g H")
     report.row("the same: its standard deviation between the runs", scatter.noise, "rho g H")
-    report.row("the same: time of a second", mean.seconds, "s")
+    report.row("the same: wall time per simulated second", mean.seconds, "s")
 
 
 def _divergence(solution: js.Solution) -> float:

@@ -114,11 +114,12 @@ def main() -> None:
             report.row(check, off, "rad", theory=0.0, bar="< 1e-4 rad", passes=off < 1e-4)
         change = change_of_energy()
         off = np.max(np.abs(change))
-        check = f"the double pendulum's energy over {PERIODS} periods: largest change, of the swing's"
+        over = "over the energy of the swing"
+        check = f"energy of the double pendulum over {PERIODS} periods: largest change, {over}"
         report.row(check, off, theory=0.0, bar="< 1e-5", passes=off < 1e-5)
         work, gained = work_and_gain()
         off = np.max(np.abs(work - gained)) / np.ptp(gained)
-        check = "work of a drive less the energy gained, of the energy's range"
+        check = "work of a drive minus the energy gained, over the range of the energy"
         report.row(check, 100 * off, "%", theory=0.0, bar="< 0.1 %", passes=off < 1e-3)
         report.picture(_picture(kept, change))
 

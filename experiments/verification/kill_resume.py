@@ -1,4 +1,4 @@
-"""A run killed with SIGKILL and resumed, against an uninterrupted run: every series bit for bit."""
+"""A run killed with SIGKILL and resumed: all series equal those of an uninterrupted run bit for bit."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def main(dx: float = 0.02, t1: float = 2.0) -> None:
         _cli("resume", str(killed), "--t1", str(t1), "--no-plot").wait()
         a, b = RunFile.open(whole).series(), RunFile.open(killed).series()
         same = alive and a.keys() == b.keys() and all(np.array_equal(a[k], b[k]) for k in a)
-        value = f"{len(a)} series, {kept} of {len(a['time'])} kept"
+        value = f"{len(a)} series, {kept} of {len(a['time'])} samples kept"
         report.row("series equal bit for bit", value, bar="all", passes=same)
 
 

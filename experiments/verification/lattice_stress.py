@@ -22,7 +22,7 @@ BAR = {2: 0.3, 3: 0.1}
 
 def main() -> None:
     """Measures all kernels on all lattices, and semicircle and polynomial for several support radii."""
-    with Report("lattice_stress", "False stress of a strained lattice over its pressure") as report:
+    with Report("lattice_stress", "Spurious stress of a strained lattice over its pressure") as report:
         figure = Figure(figsize=(9, 3.8), layout="constrained")
         for dim, axis in zip((2, 3), figure.subplots(1, 2), strict=True):
             for lattice, names in LATTICE.items():
@@ -33,16 +33,20 @@ def main() -> None:
                     report.row(f"{what}: pure strain to 0.25, largest", found.strained, theory=0.0)
                     report.row(f"{what}: random distortions of 0.12, RMS", found.distorted, theory=0.0)
                     if lattice == "cubic":
-                        report.row(f"{what}: width, of the Gaussian as wide", found.width, "dx")
-                        report.row(f"{what}: least value of the transform", found.transform)
-                        report.row(f"{what}: least stiffness against shear waves", found.stiffness)
+                        report.row(
+                            f"{what}: smoothing length of the Gaussian with the same second moment",
+                            found.width,
+                            "dx",
+                        )
+                        report.row(f"{what}: smallest value of the Fourier transform", found.transform)
+                        report.row(f"{what}: smallest stiffness against shear waves", found.stiffness)
             of_old = lattice_stress(*BEFORE[dim], dim)
             for label, kernel in (("semicircle", SEMICIRCLE[dim]), ("polynomial", POLYNOMIAL[dim])):
                 chosen = lattice_stress(kernel, usual_length(kernel, dim), dim)
                 for name in ("strained", "distorted"):
                     ratio = getattr(chosen, name) / getattr(of_old, name)
                     report.row(
-                        f"{dim}-D: the {label} over {type(BEFORE[dim][0]).__name__}, {name}",
+                        f"{dim}-D: {label} over {type(BEFORE[dim][0]).__name__}, {name}",
                         ratio,
                         bar=f"< {BAR[dim]:g}",
                         passes=ratio < BAR[dim],
@@ -88,5 +92,5 @@ def over_support(axis, dim: int) -> None:
     kernel, h = BEFORE[dim]
     before = lattice_stress(kernel, h, dim).distorted
     axis.axhline(before, color="0.5", lw=1, label=f"{type(kernel).__name__} to {kernel.reach * h:.3g} dx")
-    axis.set(xlabel="support, dx", ylabel="false stress over p, RMS", title=f"{dim}-D")
+    axis.set(xlabel="support, dx", ylabel="spurious stress over p, RMS", title=f"{dim}-D")
     axis.legend(fontsize="small")

@@ -135,11 +135,11 @@ def main(dx: float = 0.01) -> None:
                     report.against(f"{box.name}, T = {T:g} s: RAO of {name}", one, there, unit, bar=BAR)
                     if name == "pitch":
                         report.row(
-                            "the same: change of the theory, centre of mass 2 mm lower",
+                            "the same: change of the theoretical value with a centre of mass 2 mm lower",
                             100.0 * (other / there - 1.0),
                             "%",
                         )
-                report.row("the same waves: incident height over that asked for", 2.0 * a / H)
+                report.row("the same waves: incident height over the specified height", 2.0 * a / H)
                 report.row("the same waves: reflection", results["reflection"])
         report.picture(_picture(found))
 

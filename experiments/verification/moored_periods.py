@@ -128,7 +128,7 @@ def _rows(report: Report, one: Release, here, there) -> None:
     swings, theory = (abs((h[2] - h[1]) / (h[1] - h[0])) for h in (heights, left))
     report.row("the same: second swing over the first", swings, theory=theory)
     back = (one.length - 0.3) / SPEED
-    report.row("the same: soonest return of a wave from the tank's ends", back, "s", passes=back > times[2])
+    report.row("the same: earliest return of a wave from the tank's ends", back, "s", passes=back > times[2])
 
 
 @in_style

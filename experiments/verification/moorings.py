@@ -47,7 +47,7 @@ AMPLITUDE, PERIOD, PERIODS, STEP = 0.05, 1.5, 6, 0.004
 STATIC = {
     "slack on the bed": (GroundedCatenary, 2.4, 0.4, 1e3),
     "partly on the bed": (GroundedCatenary, 2.8, 0.4, 1e3),
-    "just lifted": (GroundedCatenary, 2.5, 1.2, 1e3),
+    "just lifted off the bed": (GroundedCatenary, 2.5, 1.2, 1e3),
     "sagging": (HangingCatenary, 2.2, 0.3, 1e3),
     "taut": (GroundedCatenary, 2.75, 0.9, 1e3),
     "steep": (GroundedCatenary, 0.5, 2.85, 1e3),
@@ -250,7 +250,7 @@ def main() -> None:
         check = "period of a block between two catenaries"
         report.row(check, measured, "s", theory=expected, bar="within 2 %", passes=off < 0.02)
         error = slopes()
-        check = "exact slopes of the tension over length, weight and EA: largest relative error"
+        check = "exact slopes of the tension with respect to length, weight and EA: largest relative error"
         report.row(check, error, theory=0.0, bar="< 1e-4", passes=error < 1e-4)
         report.picture(_picture(kept))
 
@@ -269,7 +269,7 @@ def _compare(report: Report, check: str, here: tuple, other: tuple | None) -> No
     near = abs(amplitude / expected - 1.0) < 0.03
     what = f"{check}: amplitude of the tension at the fairlead"
     report.row(what, amplitude, "N", theory=expected, bar="within 3 % of MoorDyn", passes=near)
-    what = f"{check}: RMS difference of the tension from MoorDyn, of the amplitude"
+    what = f"{check}: RMS difference of the tension from MoorDyn, over the amplitude"
     report.row(what, 100 * off, "%", theory=0.0, bar="< 3 %", passes=off < 0.03)
 
 

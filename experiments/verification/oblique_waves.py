@@ -52,13 +52,13 @@ def main(dx: float = 0.0625, degrees: float = 20.0) -> None:
         report.row("nine gauges: direction, error", np.degrees(every.direction) - asked, "degrees")
         report.row("nine gauges: height, error", every.height / case.waves.H - 1.0)
         read = case.waves.H * (1.0 - WIRE * (k * dx) ** 2)
-        report.row("the same, allowing for the width of the wires", every.height / read - 1.0)
+        report.row("the same, corrected for the width of the wires", every.height / read - 1.0)
         report.row("nine gauges: wavenumber over that of linear theory", every.wavenumber / k, theory=1.0)
         heights = 2.0 * np.abs(analysis.fundamental(t[last], eta, T)) / case.waves.H
-        report.row("lowest height of a gauge over the asked one", heights.min(), theory=1.0)
-        report.row("highest height of a gauge over the asked one", heights.max(), theory=1.0)
+        report.row("smallest wave height at a gauge over the specified height", heights.min(), theory=1.0)
+        report.row("largest wave height at a gauge over the specified height", heights.max(), theory=1.0)
         report.row("energy not accounted for", 100.0 * results["energy_residual_share"], "%")
-        report.row("spacings in a wave's height", case.waves.H / dx)
+        report.row("wave height in spacings", case.waves.H / dx)
         report.picture(_picture(case, t, series["eta_wire"]))
 
 

@@ -2,7 +2,7 @@
 
 The drop stays an ellipse of semi-axes A and B with the velocity (sigma x, -sigma y) and
     sigma' = (sigma^2 + Omega^2) (B^2 - A^2)/(B^2 + A^2),  A' = sigma A,  B' = -sigma B,
-from A = B = R and sigma = sigma0. Its pressure is
+starting from A = B = R and sigma = sigma0. Its pressure is
     p = rho (sigma^2 + Omega^2) A^2 B^2/(A^2 + B^2) (1 - x^2/A^2 - y^2/B^2)
 (Monaghan and Rafiee 2013; Antuono et al. 2015). There are no walls and no gravity, and the surface is free
 all around.
@@ -152,17 +152,17 @@ def main(n: int = 50, t1: float = 9.5, c0: float = 15.0) -> None:
         report.row("period", found, "s", theory=PERIOD, bar="within 1 %", passes=off < 0.01)
         # the lattice loses its order in the first half period, which only shifts the phase
         late = period(good, skip=2)
-        report.row("period, after the first", late, "s", theory=PERIOD)
+        report.row("period, without the first", late, "s", theory=PERIOD)
         lead = len(crossings(good)) // 2 * PERIOD - crossings(good)[len(crossings(good)) // 2 * 2]
-        report.row("lead in phase that the first leaves", 1e3 * lead, "ms", theory=0.0)
+        report.row("phase lead at the end of the last whole period", 1e3 * lead, "ms", theory=0.0)
         report.row("A at the end", good["axes"][-1, 0], "m", theory=float(last[1][0]))
         report.row("B at the end", good["axes"][-1, 1], "m", theory=float(last[2][0]))
         p = exact(good.t)[3]
         rms = np.sqrt(np.mean((good["p_centre"] - p) ** 2)) / p[0]
-        report.row("pressure at the centre: RMS error, over the first", 100 * rms, "%", theory=0.0)
-        report.row("energy lost, over the first kinetic", -100 * energy_drift(good), "%", theory=0.0)
+        report.row("pressure at the centre: RMS error over the initial pressure", 100 * rms, "%", theory=0.0)
+        report.row("energy lost over the initial kinetic energy", -100 * energy_drift(good), "%", theory=0.0)
         diffused = np.sum(good["loss_diffusive"]) * SAMPLE / good["kinetic"][0]
-        report.row("of it by the density diffusion", 100 * diffused, "%", theory=0.0)
+        report.row("part lost by the density diffusion", 100 * diffused, "%", theory=0.0)
         for m, run in runs.items():
             report.row(f"RMS error of the semi-axes / R, R = {m} dx", 100 * axes_error(run), "%", theory=0.0)
         report.picture(_picture(good))

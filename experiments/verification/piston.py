@@ -25,7 +25,9 @@ def main(layers: int = 20, T: float = 1.0, strokes: int = 3) -> None:
     """Runs a piston of period T (s) with the `strokes` smallest strokes, in water `layers` spacings deep."""
     dx, k = DEPTH / layers, 2 * np.pi / float(theory.wavelength(T, DEPTH))
     transfer = float(theory.biesel(k, DEPTH))
-    with Report(f"piston_{layers}_{T:g}", f"Waves of a piston against Biesel, T = {T:g} s", dx) as report:
+    with Report(
+        f"piston_{layers}_{T:g}", f"Waves of a piston against Biesel's theory, T = {T:g} s", dx
+    ) as report:
         ratios, steepness = [], []
         for share in SHARES[:strokes]:
             run, height = made(dx, T, share * STROKE * transfer), share * STROKE * transfer
@@ -33,15 +35,21 @@ def main(layers: int = 20, T: float = 1.0, strokes: int = 3) -> None:
             ratios.append(np.mean(first) / height)
             steepness.append(k * height / 2)
             where = f"stroke {1e3 * share * STROKE:.3g} mm, ka = {steepness[-1]:.2g}"
-            report.row(f"{where}: height over Biesel's", ratios[-1], theory=1.0)
-            report.row(f"{where}: its spread along the tank", np.std(first) / height, theory=0.0)
+            report.row(f"{where}: wave height over that of Biesel's theory", ratios[-1], theory=1.0)
+            report.row(f"{where}: spread of this ratio along the tank", np.std(first) / height, theory=0.0)
             report.row(f"{where}: second harmonic, mean along the tank", np.mean(second) / height)
             lost = of_paddle(run.results, "hyperviscosity")
-            report.row(f"{where}: hyperviscosity of the paddle's work", lost, "%", theory=0.0)
+            report.row(f"{where}: hyperviscosity, over the paddle's work", lost, "%", theory=0.0)
         slope, limit = np.polyfit(np.square(steepness), ratios, 1)
         off = abs(limit - 1)
-        report.row("change with the steepness squared", slope)
-        report.row("at no steepness", limit, theory=1.0, bar=f"within {100 * BAR:g} %", passes=off < BAR)
+        report.row("change of the ratio with the steepness squared", slope)
+        report.row(
+            "ratio extrapolated to zero steepness",
+            limit,
+            theory=1.0,
+            bar=f"within {100 * BAR:g} %",
+            passes=off < BAR,
+        )
         figure = Figure(figsize=(5, 3.6), layout="constrained")
         axis = figure.subplots()
         axis.plot(np.square(steepness), ratios, "o")

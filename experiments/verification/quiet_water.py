@@ -52,7 +52,7 @@ def main(
                 run = solved(dx, amplitude, t1, dim, {"scheme.kernel": kernel})
                 measured = (decay(run), run.results["noise"], run.results["energy_hyperviscosity"])
                 units = ("1/s", "of the speed", "J/m" if dim == 2 else "J")
-                words = ("decay of the amplitude", "noise at the end", "taken by hyperviscosity")
+                words = ("decay of the amplitude", "noise at the end", "lost by hyperviscosity")
                 bars = (*BARS[dim][:2], BARS[dim][2] * t1 / USUAL)
                 for what, value, unit, bar in zip(words, measured, units, bars, strict=True):
                     chosen = NAMED[dim][kernel] == KERNEL[dim]

@@ -51,29 +51,31 @@ def main(dx: float = 0.02) -> None:
         last = analysis.whole_periods(series["time"], T, 4)
         at_end = 2.0 * abs(analysis.fundamental(series["time"][last], series["eta"][last, 0], T))
         report.row(
-            "height at the zone's end over the asked one",
+            "wave height at the end of the zone over the specified height",
             at_end / H,
             theory=1.0,
             bar="2 %",
             passes=abs(at_end / H - 1.0) < 0.02,
         )
-        report.row("before the sponge: incident height over the asked one", 2.0 * waves["free"].incident / H)
+        report.row(
+            "tank with a sponge: incident height over the specified height", 2.0 * waves["free"].incident / H
+        )
         again = abs(waves["wall"].incident - waves["free"].incident) / waves["wall"].reflected
         report.row(
-            "before a wall: incident wave's change over the reflected wave",
+            "tank with a wall: change of the incident wave over the reflected wave",
             again,
             bar="5 %",
             passes=again < 0.05,
         )
         xi, with_zone = results["paddle"]["xi"], results["short"]["xi"]
         report.row("OWC, paddle, four wavelengths: xi", xi)
-        report.row("the same of the measured incident waves", results["paddle"]["xi_measured"])
+        report.row("the same, based on the measured incident power", results["paddle"]["xi_measured"])
         apart = abs(with_zone / xi - 1.0)
         report.row(
-            "OWC, zone, 1.5 wavelengths: xi", with_zone, bar="3 % of the paddle's", passes=apart < 0.03
+            "OWC, zone, 1.5 wavelengths: xi", with_zone, bar="within 3 % of the paddle's", passes=apart < 0.03
         )
         cost = results["short"]["wall_seconds"] / results["paddle"]["wall_seconds"]
-        report.row("wall time, zone over paddle", cost, bar="0.45", passes=cost < 0.45)
+        report.row("wall time with the zone over that with the paddle", cost, bar="0.45", passes=cost < 0.45)
         share = results["short"]["energy_residual_share"]
         report.row(
             "OWC with the zone: energy not accounted for",

@@ -105,16 +105,16 @@ def main(n: int = 60, t1: float = 4.0) -> None:
     """Runs n by n particles to omega t = t1, with and without shifting."""
     title = f"Rotating square patch, {n} x {n}, to omega t = {t1:g}"
     with Report("rotating_square", title, L / n) as report:
-        shown = {"with shifting": solved(n, t1), "without": solved(n, t1, strength=None)}
+        shown = {"with shifting": solved(n, t1), "without shifting": solved(n, t1, strength=None)}
         first = shown["with shifting"]["p_centre"][0] / (RHO * OMEGA**2 * L**2)
         # the probe averages over three spacings about the centre
-        report.row("first pressure at the centre / (rho omega² L²)", first, theory=CENTRE)
+        report.row("initial pressure at the centre / (rho omega² L²)", first, theory=CENTRE)
         for label, run in shown.items():
             energy, spin = drift(run)
             row = report.row
             row(f"{label}: energy lost", -100 * energy, "%", theory=0.0)
             row(f"{label}: change of the angular momentum", 100 * spin, "%", theory=0.0)
-            row(f"{label}: particles with half their neighbours", 100 * voids(run), "%")
+            row(f"{label}: particles with fewer than half their neighbours", 100 * voids(run), "%")
             row(f"{label}: largest speed / (omega L)", np.max(run["max_speed"]) / (OMEGA * L))
         report.picture(_picture(shown))
 
@@ -133,6 +133,6 @@ def _picture(shown: dict[str, js.Solution]) -> Figure:
         spin = run["angular_momentum"]
         curves.plot(run.t, spin / spin[0], "--", label=f"angular momentum, {label}")
     figure.colorbar(dots, ax=patches[-1], label="p/(rho omega² L²)")
-    curves.set(xlabel="omega t", ylabel="over the first")
+    curves.set(xlabel="omega t", ylabel="ratio to the initial value")
     curves.legend(fontsize="small")
     return figure

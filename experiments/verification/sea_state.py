@@ -56,7 +56,10 @@ def main(dx: float = 0.02) -> None:
         among = (S.f > 0.6 / TP) & (S.f < 2.0 / TP)
         inside = float(np.mean(((low < expected) & (expected < high))[among]))
         report.row(
-            "bins of 0.6 to 2 fp whose 90 % band has the spectrum", inside, bar="0.9", passes=inside >= 0.9
+            "share of the bins from 0.6 to 2 fp whose 90 % band contains the spectrum",
+            inside,
+            bar="0.9",
+            passes=inside >= 0.9,
         )
         report.row("reflection", sea.coefficient, bar="0.1", passes=sea.coefficient < 0.1)
         series = other.series()
@@ -65,7 +68,7 @@ def main(dx: float = 0.02) -> None:
         same = float(np.corrcoef(there[later], series["eta"][later, 0])[0, 1])
         report.row("recorded series: correlation", same, bar="0.97", passes=same > 0.97)
         ratio = float(np.std(series["eta"][later, 0]) / np.std(there[later]))
-        report.row("recorded series: standard deviation over the asked", ratio)
+        report.row("recorded series: standard deviation over the specified value", ratio)
         report.picture(
             _picture((S.f, S.S, low, high, expected), (series["time"], there, series["eta"][:, 0]))
         )

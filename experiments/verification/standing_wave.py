@@ -59,7 +59,7 @@ def main(dx: float = 0.02, amplitude: float = 0.03, t1: float = 5.0, both: bool 
         own = (np.pi / LENGTH * amplitude) ** 2 / 8.0
         errors = [period_error(run) - own for run in runs]
         for each, error in zip(spacings, errors, strict=True):
-            label = f"period error less (ka)²/8, dx = d/{DEPTH / each:.0f}"
+            label = f"period error minus (ka)²/8, dx = d/{DEPTH / each:.0f}"
             report.row(label, 100 * error, "%", theory=0.0)
         # the error changes sign in between, so this order holds for these three spacings only
         report.row("order of convergence of the period", observed_order(spacings, np.abs(errors)))
@@ -69,7 +69,14 @@ def main(dx: float = 0.02, amplitude: float = 0.03, t1: float = 5.0, both: bool 
         report.row("decay of the amplitude without viscosity", scheme, "1/s", theory=0.0)
         report.row(f"decay with nu = {NU:g} m²/s", rate, "1/s", theory=DECAY)
         # limit of 10 %: the viscous sum is up to 9 % off on a lattice (model.viscosity.PhysicalViscosity)
-        report.row("its difference", rate - scheme, "1/s", theory=DECAY, bar="within 10 %", passes=off < 0.1)
+        report.row(
+            "difference of these decay rates",
+            rate - scheme,
+            "1/s",
+            theory=DECAY,
+            bar="within 10 %",
+            passes=off < 0.1,
+        )
         report.picture(_picture(damped, runs[-1]))
         if both:
             changes = {"scheme.integrator": "predictor_corrector"}
@@ -122,6 +129,6 @@ def _picture(damped: js.Solution, free: js.Solution) -> Figure:
     for run, label, rate in ((free, "without viscosity", 0.0), (damped, f"nu = {NU:g} m²/s", DECAY)):
         (line,) = axis.plot(run.t, run["kinetic"] / first, label=label)
         axis.plot(run.t, np.exp(-2.0 * rate * run.t), "--", lw=1, color=line.get_color())
-    axis.set(xlabel="t, s", ylabel="kinetic energy, over the first")
+    axis.set(xlabel="t, s", ylabel="kinetic energy over the initial value")
     axis.legend(fontsize="small")
     return figure

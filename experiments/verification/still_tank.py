@@ -25,7 +25,7 @@ def main(dx: float = 0.02, dx_3d: float = 0.03, waves: bool = True) -> None:
     """Runs a 2-D tank as long as `wave_tank`, 3-D tanks of 1 x 0.3 x 0.48 m, and `wave_tank` itself."""
     flat = still(dx, js.load_case("wave_tank").tank.length)
     deep = still(dx_3d, 1.0, width=0.3)
-    with Report(f"still_tank_{dx:g}", "Incompressible water at rest from its first step on", dx) as report:
+    with Report(f"still_tank_{dx:g}", "Incompressible water that starts at rest", dx) as report:
         for name, case in (("2-D", flat), ("3-D", deep)):
             level, energy, speed = disturbance(js.run(case, t1=PERIOD, progress=False), case)
             label = f"{name}, dx = {case.dx:g} m"
@@ -44,7 +44,7 @@ def main(dx: float = 0.02, dx_3d: float = 0.03, waves: bool = True) -> None:
             budget = energy_budget(solved(case, f"still_tank_waves_{dx:g}").series())
             share = 100 * budget["projection"] / budget["paddle"]
             report.row(
-                "wave_tank, whole run: energy of the projection over the paddle's work",
+                "wave_tank, whole run: energy removed by the projection over the paddle's work",
                 share,
                 "%",
                 theory=0.0,

@@ -24,7 +24,7 @@ DEPTH, LENGTH = 0.4, 0.8
 DISTURBED = 0.01
 """Largest initial displacement of a particle along each axis, in spacings."""
 CHANGES: dict[str, dict[str, Any]] = {
-    "as it is": {},
+    "default settings": {},
     "half the time step": {"scheme.cfl": 0.2},
     "twice the relaxation": {"scheme.relaxation": 3.0},
     "the Gaussian": {"scheme.kernel": "gaussian"},
@@ -39,12 +39,19 @@ def main(dx: float = 0.02, t1: float = 4.0) -> None:
         for name in ("polynomial", "semicircle"):
             kernel = NAMED[2][name]
             for row, stiffness in enumerate(surface_stiffness(kernel, usual_length(kernel, 2), 2, 3), 1):
-                report.row(f"{name}, row {row}: stiffness over that of g/dx", stiffness, theory=0.0)
+                report.row(f"{name}, row {row}: stiffness in units of g/dx", stiffness, theory=0.0)
         for label, changes in CHANGES.items():
             dt, rate = growth(dx, t1, changes)
             report.row(f"{label}: time step", 1e3 * dt, "ms")
             bar, passes = ("< 0.1 1/s", rate < 0.1) if not changes else ("", None)
-            report.row(f"{label}: growth of the second row", rate, "1/s", theory=0.0, bar=bar, passes=passes)
+            report.row(
+                f"{label}: growth rate of disturbances of the second row",
+                rate,
+                "1/s",
+                theory=0.0,
+                bar=bar,
+                passes=passes,
+            )
 
 
 def growth(dx: float, t1: float, changes: dict[str, Any]) -> tuple[float, float]:

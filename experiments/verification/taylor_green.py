@@ -75,21 +75,23 @@ def main(n: int = 50, t1: float = 1.0, finest: int = 100) -> None:
         rate = decay_rate(good)
         bar = "within 3 %"
         report.row(
-            "rate of the energy",
+            "decay rate of the energy",
             rate * 2 * DECAY,
             "1/s",
             theory=2 * DECAY,
             bar=bar,
             passes=abs(rate - 1) < 0.03,
         )
-        report.row("its error", 100 * (rate - 1), "%", theory=0.0)
+        report.row("error of this rate", 100 * (rate - 1), "%", theory=0.0)
         curves = {"shifting": good}
         for label, options in (
             ("without shifting", {"strength": None}),
             ("with Monaghan's viscous sum", {"viscosity": PhysicalViscosity}),
         ):
             curves[label] = solved(n, t1, **options)
-            report.row(f"{label}: error of the rate", 100 * (decay_rate(curves[label]) - 1), "%", theory=0.0)
+            report.row(
+                f"{label}: error of the decay rate", 100 * (decay_rate(curves[label]) - 1), "%", theory=0.0
+            )
             report.row(f"{label}: L2 error", 100 * velocity_error(curves[label]), "%", theory=0.0)
         resolutions = (n // 2, n, finest)
         errors = [velocity_error(good if m == n else solved(m, t1)) for m in resolutions]

@@ -18,15 +18,22 @@ def main(dx: float = 0.02, t1: float = 4.0) -> None:
     case = at_rest(dx)
     title = f"Inviscid water at rest beside a wall of one spacing: largest speed in {t1:g} s"
     with Report("thin_wall", title, dx) as report:
-        for label, background in (("as it is", True), ("without the background", False)):
+        for label, background in (
+            ("with the background pressure", True),
+            ("without the background pressure", False),
+        ):
             model, state = js.build(case)
             if not background:
                 model = eqx.tree_at(lambda m: m.scheme.background, model, ())
             speeds = list(_speeds(model, state, t1))
-            for part, index in (("a quarter", len(speeds) // 4), ("half", len(speeds) // 2), ("all", -1)):
+            for part, index in (
+                ("after a quarter of the time", len(speeds) // 4),
+                ("after half of the time", len(speeds) // 2),
+                ("at the end", -1),
+            ):
                 last = background and index == -1
                 report.row(
-                    f"{label}, after {part} of it",
+                    f"{label}, {part}",
                     speeds[index],
                     "m/s",
                     theory=0.0,
@@ -37,7 +44,7 @@ def main(dx: float = 0.02, t1: float = 4.0) -> None:
         for spacings in (1, 5):
             *_, speed = _speeds(*js.build(at_rest(dx, "incompressible", spacings)), t1)
             report.row(
-                f"incompressible, wall of {spacings} spacings, after all of it", speed, "m/s", theory=0.0
+                f"incompressible, wall thickness of {spacings} dx, at the end", speed, "m/s", theory=0.0
             )
 
 

@@ -43,7 +43,9 @@ def laws() -> dict[str, tuple[dict[str, Any], Pressure]]:
 
 def main(dx: float = 0.04, built_in: bool = False) -> None:
     """Runs every law; `built_in`: also the four dampings in the built-in tank, ten periods of each."""
-    with Report(f"turbine_law_{dx:g}", "Readings of the chamber against the law", dx) as report:
+    with Report(
+        f"turbine_law_{dx:g}", "Pressure and flow of the chamber against the turbine's law", dx
+    ) as report:
         for name, (keys, pressure) in laws().items():
             case = short_case(dx, 1.0).replace(keys)
             case = case.replace({"t1": PERIODS * case.waves.T, "device.wall_thickness": max(dx, 0.02)})
@@ -52,7 +54,7 @@ def main(dx: float = 0.04, built_in: bool = False) -> None:
             law = pressure(np.float64(solution["flow_pto" if case.air is not None else "flow"]))
             free = P_a < 60.0 if case.pto.relief is not None else np.ones(len(P_a), bool)
             fitted = fit(P_a[free], law[free], case.pto.quadratic is not None)
-            obeyed(report, f"{name}: fitted over asked", fitted)
+            obeyed(report, f"{name}: fitted over specified law", fitted)
     if built_in:
         in_the_tank(dx)
 
@@ -69,13 +71,13 @@ def in_the_tank(dx: float) -> None:
             P_a, flow = np.float64(series["P_a"]), np.float64(series["flow"])
             found, _ = results_until(case, series)
             label = f"K_dm = {K:g}"
-            obeyed(report, f"{label}: fitted over asked", fit(P_a, quadratic(K)(flow), True))
+            obeyed(report, f"{label}: fitted over specified law", fit(P_a, quadratic(K)(flow), True))
             report.row(f"{label}: xi", found["xi"])
-            report.row(f"{label}: xi of the measured waves", found["xi_measured"])
+            report.row(f"{label}: xi based on the measured incident power", found["xi_measured"])
             report.row(f"{label}: periods averaged", found["periods"])
             report.row(f"{label}: largest P_a", P_a.max(), "Pa")
-            report.row(f"{label}: least P_a", P_a.min(), "Pa")
-            report.row(f"{label}: largest flow, either way", np.abs(flow).max(), "m2/s")
+            report.row(f"{label}: smallest P_a", P_a.min(), "Pa")
+            report.row(f"{label}: largest flow in either direction", np.abs(flow).max(), "m2/s")
 
 
 def fit(P_a: NDArray[np.float64], law: NDArray[np.float64], quadratic: bool) -> float:

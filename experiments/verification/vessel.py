@@ -39,17 +39,17 @@ def main(dx: float = 0.01, t1: float = 60.0, weakly_compressible: bool = False) 
         report.seconds = results["wall_seconds"]
         for name, here, theory, unit in (
             ("period", period, PERIOD, "s"),
-            ("final difference", level, DIFFERENCE, "m"),
+            ("final difference of the levels", level, DIFFERENCE, "m"),
         ):
             off = abs(here / theory - 1)
             report.row(name, here, unit, theory=theory, bar="within 2 %", passes=off < 0.02)
-        report.row("level under the pressure", down, "m", bar="below zero", passes=down < 0)
+        report.row("change of the level under the pressure", down, "m", bar="below zero", passes=down < 0)
         report.row("damping", found.decay_rate / found.omega, "of critical")
         # `energy_pto` is the energy that the air takes from the water; here the air gives energy to the water
         missing = results["energy_residual"] / results["energy_pto"]
         for check, share, bar in (
             ("energy not accounted for / work of the air", missing, 0.05),
-            ("mean level's change / depth", sunk, 0.001),
+            ("change of the mean level / depth", sunk, 0.001),
         ):
             bar_text = f"within {100 * bar:g} %"
             report.row(check, 100 * share, "%", theory=0.0, bar=bar_text, passes=abs(share) < bar)

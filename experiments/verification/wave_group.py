@@ -53,11 +53,14 @@ def main(dx: float = 0.03) -> None:
                 f"{order} order: bound long wave", 1e3 * abs(bound), "mm", theory=1e3 * theory["bound"]
             )
             report.row(f"{order} order: free long wave", 1e3 * abs(free), "mm")
-            report.row(f"{order} order: free long wave that comes back", 1e3 * abs(back), "mm")
-            report.row(f"{order} order: free over bound", share[order])
+            report.row(f"{order} order: returning free long wave", 1e3 * abs(back), "mm")
+            report.row(f"{order} order: free over bound long wave", share[order])
         ratio = share["second"] / share["first"]
         report.row(
-            "free over bound, second order over first", ratio, bar="at most a third", passes=ratio <= 1 / 3
+            "free over bound long wave, second order over first order",
+            ratio,
+            bar="at most a third",
+            passes=ratio <= 1 / 3,
         )
         report.picture(_picture(found))
 

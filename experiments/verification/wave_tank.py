@@ -1,4 +1,4 @@
-"""The wave tank of section 4.1 (T = 1.2 s, H = 0.1 m, d = 0.5 m) against Stokes' second order."""
+"""The wave tank of section 4.1 (T = 1.2 s, H = 0.1 m, d = 0.5 m) against second-order Stokes theory."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def main(dx: float = 0.01, wavelengths: int = 4, incompressible: bool = False) -
     file = solved(case, f"wave_tank_{dx:g}{suffix}")
     series, results = file.series(), file.results()
     title = (
-        f"Wave tank of {wavelengths} wavelengths against Stokes' second order"
+        f"Wave tank of {wavelengths} wavelengths against second-order Stokes theory"
         + ", incompressible" * incompressible
     )
     with Report(f"wave_tank_{dx:g}{suffix}", title, dx) as report:
@@ -52,7 +52,7 @@ def main(dx: float = 0.01, wavelengths: int = 4, incompressible: bool = False) -
         report.picture(against_stokes(report, case, series, wavelengths, (5.0, 2.0)))
         report.row("reflection by the sponge", 100 * results["reflection"], "%", theory=0.0)
         report.row("energy not accounted for", 100 * results["energy_residual_share"], "%", theory=0.0)
-        report.row("time of a second", results["wall_seconds"] / results["t_end"], "s")
+        report.row("wall time per simulated second", results["wall_seconds"] / results["t_end"], "s")
 
 
 def against_stokes(
@@ -80,7 +80,7 @@ def against_stokes(
         reference = np.asarray(theory.stokes2_elevation(x[i], t[window], H, T, d))
         # waves of finite height are longer, which second-order theory neglects
         longer = np.asarray(theory.stokes2_profile(k3 * x[i] - 2 * np.pi / T * t[window], H, k3, d))
-        for expected, than in ((reference, ""), (longer, ", third order's length")):
+        for expected, than in ((reference, ""), (longer, ", wavelength of third order")):
             errors = _errors(*record, expected, H, T)
             for k, name in enumerate(("MAE_a", "MAE_p")):
                 bar = None if than or bars is None else bars[k]
@@ -103,7 +103,7 @@ def against_stokes(
     order = np.argsort(x)
     phase = np.unwrap(np.angle(amplitude[order]))
     k = abs(np.polyfit(x[order], phase, 1)[0])
-    report.row(f"{label}wavelength over that of third order", k3 / k, theory=1.0)
+    report.row(f"{label}wavelength over that of third-order theory", k3 / k, theory=1.0)
     return _picture(shown)
 
 

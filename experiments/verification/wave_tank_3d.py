@@ -20,7 +20,7 @@ def main(dx: float = 0.025, width: float = 0.2) -> None:
     along = np.round(np.arange(0.5, 2.15, 0.2) * wavelength, 3)
     # besides the gauges for the errors, gauges a fifth of a wavelength apart for the decay
     case = case.replace({"probes.gauges": [1.024, 2.048, 4.096, *map(float, along)]})
-    title = "Waves in a narrow tank in 3-D against Stokes' second order"
+    title = "Waves in a narrow tank in 3-D against second-order Stokes theory"
     with Report(f"wave_tank_3d_{dx:g}", title, dx) as report:
         for label, changes in (("3-D", {}), ("2-D", {"tank.width": None})):
             here = case.replace(changes)
@@ -44,6 +44,6 @@ def main(dx: float = 0.025, width: float = 0.2) -> None:
                         passes=abs(share) < bar if judged else None,
                     )
             report.row(f"{label}, noise over speed", results["noise"], theory=0.0)
-            report.row(f"{label}, time steps of a second", results["steps"] / results["t_end"])
+            report.row(f"{label}, time steps per simulated second", results["steps"] / results["t_end"])
             report.row(f"{label}, wall time", results["wall_seconds"], "s")
-        report.row("spacings in a wave's height", case.waves.H / dx)
+        report.row("wave height in spacings", case.waves.H / dx)

@@ -281,7 +281,7 @@ class _Response:
         return -(stiffness - 2j * np.pi / given_waves(self.case).period * damping) * s
 
     def _named(self, found: LinearBodies, moved: NDArray[Any], links: list[str]) -> LinearMotions:
-        """The response, named as in the case and its results; `moved`: motions of all bodies `[B, 3]`."""
+        """The response by the names of the case and its results; `moved`: motions of all bodies `[B, 3]`."""
         every = {link.name: link for link in self.resting.mechanism.links}
         extensions = dict(zip(links, found.extensions, strict=True))
         dampings = dict(zip(links, found.dampings, strict=True))

@@ -125,7 +125,7 @@ def matrix(
         typer.Option("--out", "-o", metavar="FILE", help="File; default: runs/<name of the case>_matrix.h5"),
     ] = None,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler whose workers run the seas.")
+        str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler whose workers run the sea states.")
     ] = None,
     report: Page = True,
     quiet: Quiet = False,

@@ -33,6 +33,6 @@ def forget_programs() -> None:
 
 
 def program_folder() -> Path | None:
-    """Folder in which JAX keeps compiled programs; None if it keeps none."""
+    """Folder of JAX's cache of compiled programs; None if the cache is off."""
     folder = jax.config.values["jax_compilation_cache_dir"]
     return Path(folder) if folder and jax.config.values["jax_enable_compilation_cache"] else None

@@ -10,8 +10,8 @@ checkpoint. A kill at any moment therefore leaves all earlier chunks intact, and
 chunk that was only partly written.
 
 Both files belong to one `Owner`: the run's file at one stage. Merging the two files into the run's file
-increases the stage in the same atomic step; the two files are then removed. After a kill in between, the
-remaining files have no owner and are ignored.
+increases the stage in the same atomic step; the two files are then removed. If the process is killed before
+their removal, the remaining files have no owner and are ignored.
 """
 
 from __future__ import annotations

@@ -19,8 +19,8 @@ class OvertoppingProbe(AbstractProbe):
     """Probe of the water that overtops the crest of a solid, per metre of crest.
 
     `overtopped` (m2) is the increase of the volume of water behind the crest since the start: the water that
-    has passed over the crest, less the water that has come back or left the tank. `overtopping` (m2/s) is the
-    flow over the crest at the time of the sample.
+    has passed over the crest, minus the water that has come back or left the tank. `overtopping` (m2/s) is
+    the flow over the crest at the time of the sample.
     """
 
     crest: Scalar

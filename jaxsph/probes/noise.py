@@ -55,13 +55,13 @@ class NoiseProbe(AbstractProbe):
         """See `AbstractProbe.describe`."""
         fit = "a linear fit over their neighbours"
         return {
-            "noise": Reading("m s-1", f"noise: RMS of the particles' velocities less {fit}"),
+            "noise": Reading("m s-1", f"noise: RMS of the particles' velocities minus {fit}"),
             "rms_speed": Reading("m s-1", "RMS of the particles' speeds"),
         }
 
 
 def deviation(model: Model, state: State, tables: Tables) -> tuple[Components, Bool[Array, " N"]]:
-    """Velocity of every particle less the fit to its neighbours, m/s, and mask of particles with a fit."""
+    """Velocity of every particle minus the fit to its neighbours, m/s, and mask of particles with a fit."""
     p, dx, smoothing = state.particles, model.dx, model.scheme.smoothing
     reach2 = jnp.minimum(REACH * dx, smoothing.radius) ** 2
     water = {"x": columns(p.x), "u": columns(p.u), "counts": (p.m > 0.0).astype(p.m.dtype)}

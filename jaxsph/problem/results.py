@@ -76,7 +76,7 @@ def linear(name: str) -> str:
 def oscillation_result(model: Model, averaging: AbstractAveraging) -> Result:
     """Amplitudes of a model's oscillating parts in regular waves, over whole settled periods.
 
-    An amplitude is the amplitude of the first harmonic, found by least squares. Ratios are to the incident
+    Each amplitude is that of the first harmonic, fitted by least squares. Ratios are to the incident
     amplitude that the gauges measure, or to the specified amplitude if no gauges separate incident and
     reflected waves.
     """

@@ -21,7 +21,7 @@ _DEVICE = {
         "  efficiency: scatter between periods", "", "standard deviation of the efficiency of each period"
     ),
     "xi_measured": Label(
-        "  efficiency: of the measured incident power", "", "over the incident power at the gauges"
+        "  efficiency: from the measured incident power", "", "over the incident power at the gauges"
     ),
     "capture_width": Label("capture width", "m", "absorbed power over incident power per metre of crest"),
     "P_owc": Label("absorbed power", "W/m", "mean power of all power take-offs of a case with a turbine"),

@@ -117,7 +117,7 @@ def _obstacle(model: Model) -> str:
 
 
 def share(model: Model, state: State, devices: int) -> tuple[Model, State]:
-    """Shares the particles of a run among `devices` devices, in slabs along the tank.
+    """Distributes the particles of a run over `devices` devices, in slabs along the tank.
 
     The tables are sized for the state. On a single device the tables may also omit walls away from the
     water.

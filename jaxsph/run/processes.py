@@ -107,8 +107,7 @@ class Processes:
             if path is not None:
                 remedy = f"continue from the last checkpoint with jaxsph resume {path}"
             raise SimulationError(
-                f"{lost} has ended or cannot be reached, so the run that the processes shared cannot go on; "
-                f"{remedy}"
+                f"{lost} has ended or cannot be reached, so the shared run cannot continue; {remedy}"
             ) from error
 
 

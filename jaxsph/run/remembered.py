@@ -43,7 +43,7 @@ def remember(source: Source, first: Model, model: Model) -> None:
 
 
 def _path(source: Source, model: Model) -> Path | None:
-    """File for the table sizes of a source; None if JAX keeps no compiled programs."""
+    """File for the table sizes of a source; None if JAX has no cache of compiled programs."""
     folder = program_folder()
     key = hashlib.sha256(f"{source.to_toml()} {search_settings(model)}".encode()).hexdigest()
     return None if folder is None else folder / f"sizes-{key[:32]}.json"

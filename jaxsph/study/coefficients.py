@@ -61,8 +61,8 @@ def coefficients(
     in .nc (Capytaine's dataset) or .h5 (WEC-Sim's BEMIO). The runs are stored next to it, in
     `<name>_runs.h5`, from which a repeated call continues. `motions`: some of "surge", "heave" and "pitch",
     for all bodies or by body; by default every motion in which a body is free or is carried by another body.
-    `forcing`: amplitudes and number of periods. `workers`, `executor`: see `sweep`. A failed run leaves NaN:
-    see `Coefficients.failures`.
+    `forcing`: amplitudes and number of periods. `workers`, `executor`: see `sweep`. The coefficients of a
+    failed run are NaN: see `Coefficients.failures`.
     **Raises** CaseError before any run if the case has no such motion or does not resolve a period;
     FileError if a file belongs to another study or cannot be written.
     """

@@ -58,9 +58,9 @@ def only_study(out: Path) -> Iterator[None]:
     """Context in which only this process runs a study with the output `out`.
 
     The lock is a system lock on a file next to the output, and is released when the process ends, for
-    whatever reason. Only the coordinating process acquires the lock, not the workers. On a disk without
-    locks, only studies of the same process exclude each other. **Raises** FileError if another study uses the
-    output.
+    whatever reason. Only the coordinating process acquires the lock, not the workers. On a file system
+    without locks, only studies of the same process exclude each other. **Raises** FileError if another study
+    uses the output.
     """
     out = out.resolve()
     lock = out.with_name(f".{out.name}.lock")
@@ -94,7 +94,7 @@ def _lock(out: Path, lock: Path) -> int:
             os.close(handle)
             raise FileError(_taken(out, who)) from None
         except OSError:
-            pass  # a disk without locks
+            pass  # a file system without locks
         with contextlib.suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(handle), os.stat(lock)):
                 os.ftruncate(handle, 0)
