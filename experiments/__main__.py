@@ -31,6 +31,8 @@ from experiments import sentences
 from experiments.common import COMMITTED, OWN, VERDICT, Report, shown
 
 GALLERY = Path(__file__).parent / "README.md"
+SAME = "the same"
+"""Beginning of the name of a row that continues the row above it."""
 FOLDERS = ("verification", "validation", "studies", "benchmarks")
 INTRODUCTION = """# Experiments
 
@@ -192,12 +194,28 @@ def gallery_text(folder: Path = COMMITTED) -> str:
     """The gallery as Markdown, from the results in a folder."""
     parts = [INTRODUCTION]
     for found in results(folder=folder):
-        rows = [row for row in found["rows"] if row["passes"] is not None] or found["rows"][:2]
         parts.append(f"## {_heading(found)}\n")
         parts.append(f"`{found['command']}` ({found['seconds'] / 60:.1f} min; {found['machine']})\n")
-        parts.append("; ".join(_line(row) for row in rows[:4]) + ".\n")
+        parts.append("; ".join(_line(row) for row in _main_rows(found["rows"])) + ".\n")
         parts += [f"![{found['title']}](results/{picture})\n" for picture in found["pictures"][:1]]
     return "\n".join(parts)
+
+
+def _main_rows(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rows of an experiment in the gallery: the first four with a limit, or else the first two.
+
+    If a row "the same: ..." continues a row that is left out, "the same" is replaced by the name of that row.
+    """
+    limited = [k for k, row in enumerate(rows) if row["passes"] is not None][:4]
+    chosen = limited or [k for k, _ in enumerate(rows[:2])]
+    found = []
+    for k in chosen:
+        above = [i for i in range(k) if not rows[i]["check"].startswith(SAME)]
+        row = rows[k]
+        if row["check"].startswith(SAME) and above and above[-1] not in chosen:
+            row = row | {"check": rows[above[-1]]["check"] + row["check"].removeprefix(SAME)}
+        found.append(row)
+    return found
 
 
 def _heading(found: dict[str, Any]) -> str:

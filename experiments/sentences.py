@@ -218,7 +218,7 @@ PROSE = (
     Sentence(
         "keeps moving at {:.2f} m/s, and at {:.3f} m/s beside a wall five spacings thick",
         lambda r: tuple(
-            r("thin_wall", f"incompressible, wall thickness of {n} dx, at the end") for n in (1, 5)
+            r("thin_wall", f"incompressible, wall {n} dx thick: largest speed at the end") for n in (1, 5)
         ),
         (METHOD,),
     ),
@@ -258,7 +258,7 @@ PROSE = (
     ),
     Sentence(
         "particles keep moving at {:.2f} m/s at dx = 0.02 m",
-        lambda r: (r("thin_wall", "incompressible, wall thickness of 1 dx, at the end"),),
+        lambda r: (r("thin_wall", "incompressible, wall 1 dx thick: largest speed at the end"),),
         (MEASURED,),
     ),
     Sentence(
@@ -380,7 +380,8 @@ PROSE = (
     ),
     # theory and guides
     Sentence(
-        "{:.0f} % to hyperviscosity at dx = 0.02 m, {:.1f} % in the projection; {:.3f} % not accounted for",
+        "{:.0f} % lost to hyperviscosity at dx = 0.02 m, {:.1f} % lost in the projection; "
+        "{:.3f} % not accounted for",
         lambda r: (
             of_owc("hyperviscosity")(r),
             of_owc("projection")(r),
@@ -389,7 +390,7 @@ PROSE = (
         (ISPH,),
     ),
     Sentence(
-        "| {:.0f} % in the projection |",
+        "| {:.0f} % lost in the projection |",
         lambda r: (r("flap_3d_0.04", "lost in the projection, over the paddle's work"),),
         (ISPH,),
     ),

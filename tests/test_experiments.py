@@ -162,6 +162,16 @@ def test_table_counts_what_misses(results, monkeypatch):
     assert "two 2 Pa (theory 1) **(missed)**" in runner.gallery_text(results)
 
 
+def test_gallery_names_the_row_that_another_row_continues(results):
+    with Report("sample", "A sample") as report:
+        report.row("force", 1.0)
+        report.row("the same: deviation", 2.0, "%", passes=True)
+        report.row("height", 3.0, passes=True)
+        report.row("the same: spread", 4.0, passes=True)
+    text = runner.gallery_text(results)
+    assert "force: deviation 2 %; height 3; the same: spread 4." in text
+
+
 def test_gallery_is_that_of_the_committed_results():
     assert runner.GALLERY.read_text(encoding="utf-8") == runner.gallery_text()
 

@@ -63,7 +63,7 @@ def test_communicating_vessels():
 
 
 def test_vessels_at_rest_stay_at_rest():
-    """The default division at a wall of one spacing, 10 s: kinetic energy below 1e-4 of the potential."""
+    """The default division at a wall one spacing thick, 10 s: kinetic energy below 1e-4 of the potential."""
     found = divisions.solve(divisions.case_of("b", 0.01), background=True, t1=10.0)
     assert not found.ended
     assert found.kinetic[-1] < divisions.BAR * divisions.SCALE

@@ -128,9 +128,8 @@ def _sent(report: Report, scheme: str, slabs: int) -> None:
         report.row(f"{label}: time of the messages of a step on a cluster, by the model", 1e6 * wire, "us")
     spread = max(ratios) / min(ratios) - 1.0
     report.row(f"{scheme}: bytes from the adjacent slabs per halo particle", float(np.mean(ratios)), "bytes")
-    report.row(
-        f"{scheme}: the same, spread between the spacings", 100 * spread, "%", bar="5 %", passes=spread < 0.05
-    )
+    what = f"{scheme}: bytes per halo particle, spread between the spacings"
+    report.row(what, 100 * spread, "%", bar="5 %", passes=spread < 0.05)
 
 
 def messages(case: js.Case, devices: int, turns: int) -> dict:

@@ -45,7 +45,7 @@ def main(dx: float = 0.02) -> None:
             there = float(fit.value(found)[0])
             report.row(f"from K_dm = {start:g}: best K_dm", found, "kg^0.5 m^-2.5", theory=best)
             report.row(
-                f"from K_dm = {start:g}: fitted xi at this K_dm over the largest fitted xi",
+                f"from K_dm = {start:g}: fitted xi at the best K_dm of the search over the largest fitted xi",
                 there / highest,
                 bar="at least 0.95",
                 passes=there >= 0.95 * highest,

@@ -10,8 +10,8 @@ taken from all runs of the search. In linear theory (Falnes 2002) the mean power
 with the mechanical impedance Z = R + iX, and P is largest at b = |Z|. A parabola fitted to b / P as a
 function of b gives |Z| without any number from theory.
 
-Vortices at the sharp bilges of this buoy dissipate power, which linear theory neglects. The same buoy with
-round bilges is therefore also run once, at the best damping of linear theory.
+Vortices at the sharp bilges of this buoy dissipate power, which linear theory neglects. One further run,
+at the best damping of linear theory, therefore has a buoy with round bilges.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Efficiency of the OWC from a run and from a run twice as long.
 
-The column reflects half of the wave height. The part that the paddle does not absorb reaches the column again
+The OWC reflects half of the wave height. The part that the paddle does not absorb reaches the OWC again
 after three lengths of the tank, and from then on the waves are slightly higher. The efficiency based on the
 specified waves changes with them; the efficiency based on the measured waves changes less.
 """

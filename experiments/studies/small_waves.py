@@ -2,7 +2,7 @@
 
 The waves have H/d = 0.02 over a flat bed, with four frequencies around resonance; there are two dampings, and
 the wall is one spacing thick at dx = 0.01 and 0.02 m. The best K_dm is larger in lower waves: 960 here
-corresponds to 440 in waves of 0.04 m.
+corresponds to 440 in waves 0.04 m high.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def main(dx: float = 0.01) -> None:
     over = {"pto.K_dm": list(DAMPINGS), "waves.T": list(PERIODS)}
     study = swept(case, over, f"small_waves_{dx:g}")
     theory = [[js.linear_owc(case.replace({"pto.K_dm": K, "waves.T": T})) for T in PERIODS] for K in DAMPINGS]
-    title = f"The OWC in waves of {1e3 * HEIGHT:g} mm against linear theory"
+    title = f"The OWC in waves {1e3 * HEIGHT:g} mm high against linear theory"
     pressure = np.full(study["xi"].shape, np.nan)
     with Report(f"small_waves_{dx:g}", title, dx) as report:
         report.seconds = float(np.nansum(study["wall_seconds"]))

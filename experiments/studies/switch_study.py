@@ -1,9 +1,9 @@
 """Effect of the abrupt switches between a thin wall's regions on exact slopes.
 
 The exact slope is compared with that of a parabola fitted to many runs, whose energies include every switch.
-The OWC is in a tank of 1.2 m and runs for one and a half wave periods. With a front wall of one spacing,
+The OWC is in a tank of 1.2 m and runs for one and a half wave periods. With a front wall one spacing thick,
 the ghosts and particles that interact with a particle change abruptly when the particle passes the level of
-the tip. With a wall of four spacings they hardly change.
+the tip. With a wall four spacings thick they hardly change.
 
 The parabola can only show an error that is larger than its own. Once the motion is chaotic, runs whose
 damping differs by a thousandth differ by several per cent. The scatter of the runs about the parabola is
@@ -31,7 +31,7 @@ def main(dx: float = 0.02) -> None:
     ) as report:
         for layers in (1, 4):
             case = short_case(dx, max(TIMES)).replace({"device.wall_thickness": layers * dx})
-            name = f"wall of {layers} spacings" if layers > 1 else "wall of one spacing"
+            name = f"wall {layers} dx thick"
             offsets = SPREAD * np.linspace(-1.0, 1.0, MEMBERS)
             K = case.pto.K_dm
             energies = [energy(case.replace({"pto.K_dm": K * (1 + a)})) for a in offsets]

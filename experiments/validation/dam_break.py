@@ -156,9 +156,9 @@ class Comparison(NamedTuple):
     lead: dict[str, float]
     """Time by which the front leads each source, in T; one constant per source."""
     deviation: dict[str, np.ndarray]
-    """Front x/a minus the measured x/a, at the measured times of the marks, by source, shifted by `lead`."""
+    """Computed minus measured x/a at the marks, by source, with the times of the source shifted by `lead`."""
     raw: dict[str, np.ndarray]
-    """Front x/a minus the measured x/a, without a shift."""
+    """Computed minus measured x/a at the marks, by source, without a shift."""
     outside: np.ndarray
     """Distance from the envelope of the shifted sources; zero inside the envelope."""
     scatter: float
@@ -224,8 +224,9 @@ def _front_rows(report: Report, label: str, front: Front) -> None:
     report.row(f"{label}: the same, RMS", float(np.sqrt(np.mean(found.outside**2))), "a", theory=0.0)
     for name in sources:
         for kind, off in (("unshifted", found.raw[name]), ("shifted", found.deviation[name])):
-            report.row(f"{label}: {name}, {kind}, largest", float(off[np.argmax(abs(off))]), "a", theory=0.0)
-            report.row(f"{label}: {name}, {kind}, RMS", float(np.sqrt(np.mean(off**2))), "a", theory=0.0)
+            off_by = f"{label}: deviation of the front from {name}, {kind}"
+            report.row(f"{off_by}, largest", float(off[np.argmax(abs(off))]), "a", theory=0.0)
+            report.row(f"{off_by}, RMS", float(np.sqrt(np.mean(off**2))), "a", theory=0.0)
         report.row(f"{label}: lead over {name}, in T", found.lead[name])
     for low, high in ((2.0, 3.6), (4.0, 6.5)):
         of = {n: slope(s.T, s.x, low, high) for n, s in sources.items() if s.x[-1] >= high}
@@ -248,13 +249,14 @@ def _energy_rows(report: Report, label: str, file: RunFile, length: float, heigh
     """Reports the energy. Stored energy may only fall, because no gate, paddle or air does work on water."""
     grown, share = energy_growth(file.series(), length, height)
     report.row(
-        f"{label}: largest rise of the energy / potential energy",
+        f"{label}: largest rise of the stored energy over the initial potential energy",
         grown,
         theory=0.0,
         bar="< 1e-3",
         passes=grown < 1e-3,
     )
-    report.row(f"{label}: energy not accounted for / potential energy", share, theory=0.0)
+    what = "energy not accounted for over the initial potential energy"
+    report.row(f"{label}: {what}", share, theory=0.0)
 
 
 def energy_growth(series: dict[str, np.ndarray], length: float, height: float) -> tuple[float, float]:

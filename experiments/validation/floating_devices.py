@@ -18,6 +18,12 @@ DEVICES = ("box_moored", "buoy_heave", "raft", "flap_floating", "owc_floating")
 """Built-in cases with floating bodies."""
 ENERGIES = {"residual": 2.0, "projection": 5.0, "hyperviscosity": np.inf}
 """Terms of the energy balance, and the largest allowed magnitude of each, % of the paddle's work."""
+WORDS = {
+    "residual": "not accounted for",
+    "projection": "lost in the projection",
+    "hyperviscosity": "lost by hyperviscosity",
+}
+"""Names of these terms in the report."""
 AMPLITUDE = "linear_amplitude_"
 """Prefix of the names of results that are amplitudes by linear theory."""
 
@@ -54,20 +60,24 @@ def main(dx: float = 0.02) -> None:
             report.seconds += results["wall_seconds"]
             every[name] = off_theory(results)
             for reading, off in every[name].items():
-                report.row(f"{name}: {reading.replace('_', ' ')}, deviation from linear theory", off, "%")
+                report.row(f"{name}: {_words(reading)}, deviation from linear theory", off, "%")
             report.row(f"{name}: incident height", results["incident_height"], "m")
             for energy, most in ENERGIES.items():
                 share = of_paddle(results, energy)
                 bar = f"within {most:g} %" if np.isfinite(most) else ""
-                words = "not accounted for" if energy == "residual" else f"lost to {energy}"
                 report.row(
-                    f"{name}: energy {words}, over the paddle's work",
+                    f"{name}: energy {WORDS[energy]}, over the paddle's work",
                     share,
                     "%",
                     bar=bar,
                     passes=abs(share) < most if bar else None,
                 )
         report.picture(_picture(every))
+
+
+def _words(reading: str) -> str:
+    """Name of a reading in words; the pressure keeps its symbol P_a."""
+    return reading.replace("_", " ").replace("P a", "P_a")
 
 
 @in_style
@@ -77,7 +87,7 @@ def _picture(every: dict[str, dict[str, float]]) -> Figure:
     for ax, (name, off) in zip(figure.subplots(1, len(every), sharex=True), every.items(), strict=True):
         rows = np.arange(len(off))
         ax.barh(rows, list(off.values()), color=BLUE)
-        ax.set_yticks(rows, [one.replace("_", " ") for one in off], fontsize=6)
+        ax.set_yticks(rows, [_words(one) for one in off], fontsize=6)
         ax.axvline(0.0, color="black", lw=0.8)
         ax.set_title(name, fontsize=8)
         ax.set_xlabel("deviation from theory (%)", fontsize=7)

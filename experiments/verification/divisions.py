@@ -1,4 +1,4 @@
-"""Vessels at rest, joined under a wall of one spacing, with the three region divisions of section 2.4.1.2.
+"""Vessels at rest, joined under a wall one spacing thick, with the three region divisions of section 2.4.1.2.
 
 Each division runs with `Background`, as a user would run it, and without `Background`, as in the paper. The
 vessels are 0.35 and 0.32 m wide, and the water is 0.8 m deep. The wall is 0.01 m thick and reaches 0.6 m into

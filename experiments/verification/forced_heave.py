@@ -152,7 +152,7 @@ def main(dx: float = 0.025, T: float = 0.7) -> None:
 
 @in_style
 def _picture(forces: dict[Forced, tuple[np.ndarray, np.ndarray]]) -> Figure:
-    """Figure of the vertical force about its mean over time; dotted: linear theory."""
+    """Figure of the vertical force minus its mean, against time; dotted: linear theory."""
     figure = Figure(figsize=(9.0, 3.0), layout="constrained")
     axes = figure.subplots(1, len(forces), sharey=True)
     for (one, (t, force)), ax in zip(forces.items(), axes.flat, strict=True):

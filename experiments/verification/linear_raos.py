@@ -1,6 +1,6 @@
 """Free and moored boxes in small waves: RAOs of surge, heave and pitch against linear theory.
 
-Three boxes of half the water's density, 0.3 m long and 0.2 m high, float in waves of 0.03 m: the box of Ren
+Three boxes of half the water's density, 0.3 m long and 0.2 m high, float in waves 0.03 m high: the box of Ren
 et al. 2015 (the case `box_in_waves`), a box with round bilges and a keel (its centre of mass is lower), and
 the box on two springs of the case `box_moored`. The first box has a metacentric height of only 0.025 m, so
 that its pitch is sensitive to millimetres in the height of the centre of mass. The second has a metacentric

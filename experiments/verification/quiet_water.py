@@ -1,8 +1,8 @@
 """Decay, noise and hyperviscosity of a standing wave, by kernel and by density diffusion.
 
-The scheme is incompressible, in 2-D and 3-D, or weakly compressible, in 2-D. The wave of 0.08 m is two
-spacings high, in a tank 1 m long (and 0.4 m wide in 3-D). It loses energy only because of the noise of the
-particle lattice.
+The scheme is incompressible, in 2-D and 3-D, or weakly compressible, in 2-D. The amplitude of the
+wave is 0.08 m, two spacings; the tank is 1 m long (and 0.4 m wide in 3-D). The wave loses energy only because
+of the noise of the particle lattice.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def main(
     if weakly_compressible:
         by_diffusion(dx, amplitude, t1)
         return
-    title = f"Standing wave of {amplitude:g} m by kernel, incompressible"
+    title = f"Standing wave with an amplitude of {amplitude:g} m by kernel, incompressible"
     dims = (2,) if flat else (2, 3)
     name = f"quiet_water_{dx:g}" if t1 == USUAL else f"quiet_water_{dx:g}_{t1:g}"
     with Report(name, title, dx) as report:
@@ -73,7 +73,7 @@ def main(
 
 def by_diffusion(dx: float, amplitude: float, t1: float) -> None:
     """Runs the wave in weakly compressible water, with two kernels and several diffusion coefficients."""
-    title = f"Standing wave of {amplitude:g} m by kernel and diffusion, weakly compressible"
+    title = f"Standing wave with an amplitude of {amplitude:g} m by kernel and diffusion, weakly compressible"
     with Report(f"quiet_water_{dx:g}_weakly_compressible", title, dx) as report:
         for kernel in (BEFORE[2], "semicircle"):
             for delta in DIFFUSIONS:

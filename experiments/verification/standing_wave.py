@@ -48,9 +48,10 @@ def main(dx: float = 0.02, amplitude: float = 0.03, t1: float = 5.0, both: bool 
     """Reports period and damping of a wave of this amplitude (m), with `both` integrators or the default.
 
     At 0.03 m the effect of the amplitude on the period, (ka)^2/8, is 0.11 %. In waves much lower than a
-    spacing the particles do not pass each other, and the lattice is slightly stiff: compare a wave of 0.01 m.
+    spacing the particles do not pass each other, and the lattice is slightly stiff: compare an amplitude of
+    0.01 m.
     """
-    title = f"Standing wave of {amplitude:g} m in a square tank of 1 m"
+    title = f"Standing wave with an amplitude of {amplitude:g} m in a square tank of 1 m"
     with Report(f"standing_wave_{amplitude:g}", title, dx) as report:
         spacings = (2.5 * dx, dx / 0.6, dx)
         runs = [solved(each, amplitude, t1) for each in spacings]
@@ -70,7 +71,7 @@ def main(dx: float = 0.02, amplitude: float = 0.03, t1: float = 5.0, both: bool 
         report.row(f"decay with nu = {NU:g} m²/s", rate, "1/s", theory=DECAY)
         # limit of 10 %: the viscous sum is up to 9 % off on a lattice (model.viscosity.PhysicalViscosity)
         report.row(
-            "difference of these decay rates",
+            f"decay with nu = {NU:g} m²/s minus decay without viscosity",
             rate - scheme,
             "1/s",
             theory=DECAY,

@@ -1,7 +1,7 @@
-"""Water at rest beside a wall of one spacing, with and without `model.background.Background`.
+"""Water at rest beside a wall one spacing thick, with and without `model.background.Background`.
 
-The incompressible scheme has no background. Its water is not quite at rest beside a wall of one spacing, but
-is at rest beside a wall as thick as the support of the kernel.
+The incompressible scheme has no background. Its water is not quite at rest beside a wall one spacing
+thick, but is at rest beside a wall as thick as the support of the kernel.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from experiments.common import Report
 def main(dx: float = 0.02, t1: float = 4.0) -> None:
     """Reports the largest speed after a quarter, half and all of t1 (s), without viscosity."""
     case = at_rest(dx)
-    title = f"Inviscid water at rest beside a wall of one spacing: largest speed in {t1:g} s"
+    title = f"Inviscid water at rest beside a thin wall for {t1:g} s"
     with Report("thin_wall", title, dx) as report:
         for label, background in (
             ("with the background pressure", True),
@@ -33,7 +33,7 @@ def main(dx: float = 0.02, t1: float = 4.0) -> None:
             ):
                 last = background and index == -1
                 report.row(
-                    f"{label}, {part}",
+                    f"{label}: largest speed {part}",
                     speeds[index],
                     "m/s",
                     theory=0.0,
@@ -43,9 +43,8 @@ def main(dx: float = 0.02, t1: float = 4.0) -> None:
 
         for spacings in (1, 5):
             *_, speed = _speeds(*js.build(at_rest(dx, "incompressible", spacings)), t1)
-            report.row(
-                f"incompressible, wall thickness of {spacings} dx, at the end", speed, "m/s", theory=0.0
-            )
+            what = f"incompressible, wall {spacings} dx thick: largest speed at the end"
+            report.row(what, speed, "m/s", theory=0.0)
 
 
 def at_rest(dx: float, kind: str = "weakly_compressible", spacings: int = 1) -> js.Case:

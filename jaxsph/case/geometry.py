@@ -172,7 +172,7 @@ class Geometry:
         self.height = self._rounded_up(height)
 
     def _column(self, case: Sections) -> None:
-        """Sets the length of the column (without a column, of the tank) and the depth of the layer."""
+        """Sets the length of the column, by default the length of the tank, and the depth of the layer."""
         self.column = self.length
         if case.tank.column is None:
             if case.tank.layer is not None:

@@ -164,7 +164,7 @@ def _not_covered(case: Sections) -> str:
             return f"{case.body_key(name)} has a prescribed motion"
         given = zip(body.velocity, MOTIONS, strict=True)
         if kept := [motion for v, motion in given if v and motion not in body.free]:
-            return f"{case.body_key(name)}.velocity is a prescribed motion in {', '.join(kept)}"
+            return f"{case.body_key(name)}.velocity prescribes the motion in {', '.join(kept)}"
     if case.duct:
         return f"duct.{next(iter(case.duct))} joins two chambers"
     for name, chamber in case.chambers.items():

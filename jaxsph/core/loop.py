@@ -66,8 +66,8 @@ def blocks(
     In each block `prepare` makes the tables, `begin` takes the readings and makes the changes that are due
     once per block, and then the steps run. Readings are taken at the start of a block, so that an interrupted
     run can be resumed from any block with identical results. `over`: loop over the blocks, `every_block` or a
-    result of `first_blocks`. Reverse mode stores tables and pair sums and recomputes all other arrays. Each
-    step adds one state and its pair sums to the memory that reverse mode needs.
+    result of `first_blocks`. Reverse mode stores the state and the tables of every block and the pair
+    sums of every step, and recomputes all other arrays.
     """
 
     @rematerialise

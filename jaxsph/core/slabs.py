@@ -324,8 +324,8 @@ class Chosen(eqx.Module):
 
 
 class PointNeighbours(eqx.Module):
-    """Neighbours of points that every device stores, for example ghosts; one slab computes the sum at each
-    point."""
+    """Neighbours of points, such as ghosts, that every device stores. The sum at a point is computed by one
+    slab."""
 
     indices: Int[Array, "K S"]
     """Index of the source in each slot, for every entry of `rows`, or for every point if `rows` is empty."""

@@ -74,9 +74,9 @@ class AbstractEnds(eqx.Module):
 class AbstractLaw(eqx.Module):
     """Law of a link's force.
 
-    The force is minus the slope of the energy `stored`, plus `force`: all other contributions, such as
-    dampers, friction and control. The step treats both terms implicitly, linearised with their derivatives,
-    so that stiff laws are stable.
+    The law's force is minus the derivative of the energy `stored` with respect to the extension, plus
+    `force`, which contains all other contributions, such as dampers, friction and control. The step treats
+    both terms implicitly, linearised with their derivatives, so that stiff laws are stable.
     """
 
     @property

@@ -286,7 +286,7 @@ class Mechanism(NamedTuple):
         return jnp.concatenate([*values, jnp.zeros(len(self.bodies), values[0].dtype)])
 
     def split(self, values: Float[Array, " n"]) -> dict[str, tuple[Float[Array, " k"], Scalar]]:
-        """Values of the coordinates of each body's joint, and of its time coordinate, by the body's name."""
+        """Values of the coordinates of each body's joint and of the joint's time coordinate, by body name."""
         found, first = {}, 0
         for index, body in enumerate(self.bodies):
             last = first + body.joint.size

@@ -165,8 +165,8 @@ large number is suitable."""
 
 
 def _held(spread: tuple[jax.Array, ...], push: Components, dim: int) -> tuple[jax.Array, ...]:
-    """Upper triangle of twice the covariance `spread`, with a stiffness added in the directions of suppressed
-    gradients (-)."""
+    """Upper triangle of twice the covariance `spread`, plus a stiffness on the diagonal, proportional to
+    `push`, that suppresses gradients (-)."""
     found, count = [], 0
     for row in range(dim):
         for column in range(row, dim):

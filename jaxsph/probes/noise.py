@@ -55,7 +55,7 @@ class NoiseProbe(AbstractProbe):
         """See `AbstractProbe.describe`."""
         fit = "a linear fit over their neighbours"
         return {
-            "noise": Reading("m s-1", f"noise: RMS of the particles' velocities minus {fit}"),
+            "noise": Reading("m s-1", f"noise: RMS of the particles' velocities about {fit}"),
             "rms_speed": Reading("m s-1", "RMS of the particles' speeds"),
         }
 

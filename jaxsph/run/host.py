@@ -267,7 +267,7 @@ def march(
     now = start * float(model.dt)
     if start % sample_every:
         raise ValueError(
-            f"sample_dt = {sample_dt:g} s: the state is at {now:g} s, which must be the time of a sample"
+            f"sample_dt = {sample_dt:g} s: the time of the state, {now:g} s, must be a multiple of sample_dt"
         )
     if last <= start:
         raise ValueError(

@@ -65,7 +65,7 @@ class Chamber:
     chamber is relative to the hull, and the air pressure also acts on the hull's roof and walls."""
 
     def __post_init__(self) -> None:
-        """**Raises** ValueError for a stretch without length."""
+        """**Raises** ValueError unless `first` is less than `last`."""
         if not self.first < self.last:
             raise ValueError(
                 f"chamber {self.name}: first = {self.first} m must be less than last = {self.last} m"

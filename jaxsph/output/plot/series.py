@@ -118,7 +118,7 @@ def body(run: RunFile) -> Figure | None:
         if name in series
     ]
     panels += [
-        (values, _symbol(name), f"the water's {words} (N, N m; N/m, N in two dimensions)", RED)
+        (values, _symbol(name), f"the water's {words} on the body ({_unit(name)})", RED)
         for (name, words), values in zip(space.loads.items(), force.T, strict=True)
     ]
     power = "power absorbed by the PTO (W; W/m in two dimensions)"
@@ -134,6 +134,11 @@ def body(run: RunFile) -> Figure | None:
         ax.set_title(title)
     figure.align_ylabels(axes)
     return figure
+
+
+def _unit(load: str) -> str:
+    """Units of a force or a moment, by its name in `rigid.AbstractSpace.loads`."""
+    return "N m; N in two dimensions" if load.startswith("moment") else "N; N/m in two dimensions"
 
 
 def _symbol(load: str) -> str:
