@@ -99,6 +99,7 @@ _ROOMS = {
     "report.tables": ("export",),
     "report.watch": ("Watch",),
     "run.duration": ("Duration", "duration"),
+    "run.profile": ("Profile", "profile"),
     "run.host": ("march", "restore", "resume", "run"),
     "run.simulate": ("simulate",),
     "schemes.incompressible": ("ISPH",),

@@ -130,7 +130,9 @@ def assemble(
     )
     check_parts(model)
     state = State(
-        particles=scheme.with_pressure(_particles(x, u, m, dtype), leaf(np.zeros(n) if p is None else p)),
+        particles=scheme.with_pressure(
+            _particles(x, u, m, dtype, chambers), leaf(np.zeros(n) if p is None else p)
+        ),
         parts=part_states(model, dtype),
         ledger={name: Tally.zero(dtype) for name in model.entries()},
         limits={name: Tally.zero(dtype) for name in scheme.limiters()},
@@ -140,7 +142,9 @@ def assemble(
     return model, state
 
 
-def _particles(x: np.ndarray, u: np.ndarray, m: np.ndarray, dtype: np.dtype) -> Particles:
+def _particles(
+    x: np.ndarray, u: np.ndarray, m: np.ndarray, dtype: np.dtype, chambers: Sequence[AbstractChamber]
+) -> Particles:
     """Particles at x `[N, D]` (m) with velocities u (m/s) and masses m `[N]` (kg, kg/m in 2-D), at zero
     pressure."""
     zero = jnp.zeros(len(x), dtype)
@@ -153,6 +157,7 @@ def _particles(x: np.ndarray, u: np.ndarray, m: np.ndarray, dtype: np.dtype) -> 
         id=jnp.arange(len(x), dtype=jnp.int32),
         p=zero,
         p_mean=zero,
+        p_air={chamber.name: zero for chamber in chambers},
     )
 
 

@@ -28,6 +28,7 @@ _COMMANDS = {
     "report": showing.write_report,
     "watch": showing.watch,
     "check": cases.check,
+    "profile": cases.profile,
     "show": cases.show,
     "new": cases.new,
     "cases": cases.cases,

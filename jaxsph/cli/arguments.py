@@ -42,6 +42,16 @@ CaseName = Annotated[
 ]
 
 
+ProfiledName = Annotated[
+    str,
+    typer.Argument(
+        metavar="CASE",
+        help="As for `jaxsph run`, or the file of a run, whose last checkpoint is then measured.",
+        autocompletion=complete_case,
+    ),
+]
+
+
 RunName = Annotated[Path, typer.Argument(metavar="FILE", help="File written by jaxsph, such as runs/owc.h5.")]
 
 

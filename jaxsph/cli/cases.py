@@ -1,4 +1,4 @@
-"""Commands for cases before a run: `jaxsph check`, `show`, `new` and `cases`."""
+"""Commands for cases before a run: `jaxsph check`, `profile`, `show`, `new` and `cases`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from jaxsph.case.report import in_time
-from jaxsph.cli.arguments import CaseName, Devices, Quick, Settings, complete_case, load
+from jaxsph.cli.arguments import CaseName, Devices, ProfiledName, Quick, Settings, complete_case, load
 from jaxsph.cli.terminal import messages, print_table
 from jaxsph.errors import CaseError, FileError
 
@@ -39,6 +39,33 @@ def check(
         print_table(rows)
         for notice in loaded.notices() if is_case else ():
             typer.echo(f"note: {notice}", err=True)
+
+
+def profile(
+    case: ProfiledName,
+    settings: Settings = None,
+    quick: Quick = False,
+    devices: Devices = None,
+) -> None:
+    """Measure where the wall time of a time step goes: search, pressure solver, probes and other parts."""
+    import jaxsph as js
+
+    with messages():
+        of_run = case.endswith(".h5")
+        if of_run and (settings or quick):
+            raise CaseError(f"{case} is the file of a run, whose case is fixed: omit --set and --quick")
+        found = js.profile(case if of_run else load(case, settings, quick), devices)
+        on = f"{found.devices} device" + ("s" if found.devices > 1 else "")
+        rows = [("time step", f"{1e3 * found.step:.3g} ms for {found.particles} particles on {on}")]
+        for name, share in found.parts.items():
+            solved = f", {share.iterations:.3g} iterations" if share.iterations else ""
+            rows.append((f"  {name}", f"{share.seconds / found.step:6.1%}{solved}"))
+        rows.append(("recording", f"{found.recording / found.step:6.1%} of the time step, in addition to it"))
+        compiled = f"{found.lowering:.3g} s to write the program, {found.compilation:.3g} s to compile it"
+        rows.append(("start", f"{compiled} without the cache"))
+        slower = f"steps took {found.slowdown:.2f} times as long while they were traced"
+        rows.append(("accuracy", f"{slower}; the parts are corrected for this"))
+        print_table(rows)
 
 
 def show(

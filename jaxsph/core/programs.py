@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
+from collections.abc import Iterator
 from pathlib import Path
 
 import jax
+from jax.experimental.compilation_cache import compilation_cache
 
 MOST = 0.5
 """Fraction of the allowed number of memory maps above which compiled programs are discarded (-)."""
@@ -30,6 +33,19 @@ def forget_programs() -> None:
     if count > MOST * limit:
         jax.clear_caches()
         gc.collect()
+
+
+@contextlib.contextmanager
+def without_cache() -> Iterator[None]:
+    """Context in which programs are compiled although the cache on disk contains them."""
+    on = jax.config.values["jax_enable_compilation_cache"]
+    try:
+        jax.config.update("jax_enable_compilation_cache", False)
+        compilation_cache.reset_cache()  # JAX looks at the setting only once
+        yield
+    finally:
+        jax.config.update("jax_enable_compilation_cache", on)
+        compilation_cache.reset_cache()
 
 
 def program_folder() -> Path | None:

@@ -53,6 +53,9 @@ class Particles(eqx.Module):
     density."""
     p_mean: Float[Array, " N"]
     """Running mean of p, Pa, over the time `schemes.projection.MEAN_TIME` sqrt(h/g)."""
+    p_air: dict[str, Float[Array, " N"]] = eqx.field(default_factory=dict)
+    """Change of p per Pa of air pressure in each chamber at the last search (-), by the chamber's name; zero
+    if the scheme does not compute it."""
 
 
 class Tally(eqx.Module):

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph.core.loop import blocks, every_block, first_blocks
+from jaxsph.core.parts import Part
 from jaxsph.core.transforms import any_lane
 from jaxsph.model.interfaces import Model
 from jaxsph.model.probe import AbstractProbe
@@ -65,6 +66,7 @@ def _advance(
     start = state.step
 
     @jax.jit  # traced once, although its shapes are evaluated first
+    @Part.PROBES.scope()
     def read(s, tables):
         return measured(probes, model, s, tables)
 
@@ -132,3 +134,10 @@ def _simulate(model, state, probes, most, sample_every, n_steps):
 
 _on_one_device = jax.jit(_simulate, static_argnums=(3, 4))
 _on_devices = jax.jit(_simulate, static_argnums=(3, 4), compiler_options=UNSPLIT)
+
+
+def new_program(model: Model) -> Any:
+    """Function of (model, state, probes, most, sample_every, n_steps) like that which `simulate_chunk`
+    compiles, but never compiled before."""
+    options = None if model.search.slabs.count == 1 else UNSPLIT
+    return jax.jit(lambda *given: _simulate(*given), static_argnums=(3, 4), compiler_options=options)

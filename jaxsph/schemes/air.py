@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, Scalar
+from jaxsph.core.parts import Part
 from jaxsph.core.slabs import Sources
 from jaxsph.model.air import Air, AirCoupling, Pressed
 from jaxsph.model.interfaces import AbstractScheme, Model
@@ -57,6 +58,7 @@ class WaterLine(NamedTuple):
     """Decrease of chamber a's flow per unit pressure of chamber b, by (a, b), m3/s/Pa (m2/s/Pa in 2-D)."""
 
 
+@Part.AIR.scope()
 def couple_airs(
     scheme: AbstractScheme,
     model: Model,
@@ -139,6 +141,7 @@ class CorrectedForAir(NamedTuple):
     """Forces of the air on the bodies, N, N m (per metre in 2-D)."""
 
 
+@Part.AIR.scope()
 def correct_for_air(
     model: Model,
     airs: Mapping[str, AirCoupling],
@@ -258,6 +261,7 @@ def _ways(model: Model, chamber: str) -> list[tuple[str, float]]:
     ]
 
 
+@Part.AIR.scope()
 def finish_airs(
     model: Model,
     parts: Mapping[str, Any],

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, columns, dot, stack
+from jaxsph.core.parts import Part
 from jaxsph.core.search.cells import wrap
 from jaxsph.core.search.tables import Seen, point_neighbours, sort_by_cell, water_neighbours
 from jaxsph.core.slabs import Chosen, Sources
@@ -36,6 +37,16 @@ class AbstractParticleScheme(AbstractScheme):
 
     def prepare(self, model, state):
         """See `AbstractScheme.prepare`."""
+        state, tables = self._search(model, state)
+        responses = self.respond(model, state, tables)
+        # the next search starts from these responses
+        p_air = state.particles.p_air | {name: one.pressures.p for name, one in responses.items()}
+        state = eqx.tree_at(lambda s: s.particles.p_air, state, jax.lax.stop_gradient(p_air))
+        return state, eqx.tree_at(lambda t: t.responses, tables, responses)
+
+    @Part.SEARCH.scope()
+    def _search(self, model: Model, state: State) -> tuple[State, Tables]:
+        """State with its particles sorted by cell, and the neighbour tables, without responses to the air."""
         for outlet in model.outlets:
             state = outlet.drain(model, state)
         s, walls, p = model.search, model.walls, state.particles
@@ -83,8 +94,7 @@ class AbstractParticleScheme(AbstractScheme):
         near, where = touching(model, state.parts)
         status = status.flag(Failure.TOUCHING, near, state.step, where)
         state = eqx.tree_at(lambda a: (a.particles, a.status), state, (p, status))
-        tables = Tables(fluid, images, at_nodes, around, chambers, p.x)
-        return state, eqx.tree_at(lambda t: t.responses, tables, self.respond(model, state, tables))
+        return state, Tables(fluid, images, at_nodes, around, chambers, p.x)
 
     def _images(self, model: Model, parts: Mapping[str, Any], p: Particles) -> tuple[Chosen, jax.Array]:
         """Particles that the image ghosts mirror until the next search, and whether there are too many."""
@@ -103,6 +113,7 @@ class AbstractParticleScheme(AbstractScheme):
         change by a step.
         """
 
+    @Part.REGULARISATION.scope()
     def regularise(self, model, state, tables):
         """See `AbstractScheme.regularise`."""
         every = model.search.rebuild_every
@@ -136,6 +147,7 @@ class AbstractParticleScheme(AbstractScheme):
         del model, state
         return {}
 
+    @Part.GHOSTS.scope()
     def place_ghosts(self, model: Model, state: State, tables: Tables) -> GhostFields:
         """Positions, volumes and interpolation coefficients of all ghosts; pressure and velocity are zero."""
         walls = model.walls
@@ -167,6 +179,7 @@ class AbstractParticleScheme(AbstractScheme):
         """Arguments of the methods `carried` and `carrier` of the walls."""
         return ghosts.fit, ghosts.nodes, ghosts.water, self.smoothing, tables.images, tables.nodes
 
+    @Part.GHOSTS.scope()
     def ghosts(self, model: Model, state: State, tables: Tables, interval: Interval) -> GhostFields:
         """Positions, volumes and pressures of all ghosts for the state's water (Zhu et al. 2020, Eq. 18-20).
 
@@ -179,6 +192,7 @@ class AbstractParticleScheme(AbstractScheme):
         # a dry ghost has no volume, but its pressure must be finite
         return ghosts._replace(p=jnp.where(ghosts.fit.wet > 0, pressure, 0.0))
 
+    @Part.GHOSTS.scope()
     def wall_force(
         self, model: Model, parts: Mapping[str, Any], ghosts: GhostFields, interval: Interval
     ) -> Float[Array, "G D"]:
@@ -205,6 +219,7 @@ class AbstractParticleScheme(AbstractScheme):
             force = force.at[rows].add(-self.rho0 * there)
         return force
 
+    @Part.GHOSTS.scope()
     def ghost_velocity(
         self, model: Model, parts: Mapping[str, Any], tables: Tables, ghosts: GhostFields
     ) -> GhostFields:
@@ -234,6 +249,7 @@ class AbstractParticleScheme(AbstractScheme):
 
     # ---------------------------------------------------------------- failures
 
+    @Part.CHECKS.scope()
     def check(self, model: Model, state: State, tables: Tables, x_old: jax.Array, x_used: jax.Array) -> State:
         """Flags failures in the state's status: outdated tables, non-finite values, escapes, high speeds.
 

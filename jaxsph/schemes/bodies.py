@@ -11,6 +11,7 @@ import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Components, Float, Scalar, columns, stack
 from jaxsph.core.pairs import Pair
+from jaxsph.core.parts import Part
 from jaxsph.core.slabs import PointNeighbours, Sources
 from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractScheme, Model
@@ -113,6 +114,7 @@ class BodiesCoupling(NamedTuple):
         return {name: hold.force(p, p_ghosts) for name, hold in self.holds.items()}
 
 
+@Part.BODIES.scope()
 def couple_bodies(
     scheme: AbstractScheme,
     model: Model,
@@ -213,6 +215,7 @@ class BodyWork(NamedTuple):
     """Work of the water's contact forces on the bodies, J (J/m in 2-D)."""
 
 
+@Part.BODIES.scope()
 def push_bodies(
     model: Model,
     before: Mapping[str, Any],

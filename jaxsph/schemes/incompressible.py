@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxsph.core.arrays import Array, Float, Scalar, columns, stack
 from jaxsph.core.kernels import AbstractKernel
 from jaxsph.core.pairs import Pair, Period, Smoothing
+from jaxsph.core.parts import Part
 from jaxsph.core.slabs import Sources
 from jaxsph.model import laws
 from jaxsph.model.interfaces import AbstractGrip, Dissipation, Model
@@ -314,6 +315,7 @@ class ISPH(AbstractParticleScheme):
         """
         return 0.5 * model.dx / model.dt
 
+    @Part.VISCOSITY.scope()
     def _viscous(
         self, model: Model, state: State, tables: Tables, ghosts: GhostFields
     ) -> Float[Array, "N D"]:
@@ -327,8 +329,10 @@ class ISPH(AbstractParticleScheme):
 
     # ---------------------------------------------------------------- projection
 
+    @Part.AIR.scope()
     def respond(self, model, state, tables):
-        """See `AbstractParticleScheme.respond`: solves the pressure equation for the air's force."""
+        """See `AbstractParticleScheme.respond`: solves the pressure equation for the air's force, starting
+        from the response at the last search."""
         p, dt, still = state.particles, model.dt, jnp.zeros_like(state.particles.u)
         interval = at_rest(model, state)
         ghosts = self.place_ghosts(model, state, tables)
@@ -341,13 +345,13 @@ class ISPH(AbstractParticleScheme):
             sources = self._sources(kicked, kicked.u - resting.u)
             equation = self._equation(model, state, tables, kicked, sources, interval)
             equation = equation.unforced().under(air.reaction)
-            source, begin = equation.poisson.shrinking, jnp.zeros_like(p.p)
-            pressure, _, _ = equation.solve(self.solver, source, begin)
+            pressure, _, _ = equation.solve(self.solver, equation.poisson.shrinking, p.p_air[name])
             pressures = equation.complete(pressure)
             _, _, acceleration = self._pressed(pressures, kicked, sources, tables)
             responses[name] = Response(pressures, dt * acceleration)
         return responses
 
+    @Part.PRESSURE.scope()
     def _pressed(
         self, pressures: Pressures, ghosts: GhostFields, sources: Sources, tables: Tables
     ) -> tuple[GhostFields, Sources, Float[Array, "N D"]]:
@@ -396,6 +400,7 @@ class ISPH(AbstractParticleScheme):
         limited = {"tension": jnp.sum(cut).astype(pressure.dtype), "crowding": poisson.held}
         return Projection(equation.complete(pressure), equation.couplings, residual, converged, limited)
 
+    @Part.EQUATION.scope()
     def _poisson(
         self, model: Model, p: Particles, ghosts: GhostFields, sources: Sources, tables: Tables
     ) -> Poisson:

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, Int, Scalar
 from jaxsph.core.loop import steps
+from jaxsph.core.parts import ITERATION
 
 Unknown = Any
 """Unknown of the equation: the water's pressures (Pa), and the bodies' accelerations scaled to pressures."""
@@ -173,6 +174,7 @@ def _cycle(
         *_, r2, count, broken = carry
         return (r2 > least2) & ~broken & (count < iterations)
 
+    @jax.named_scope(ITERATION)
     def iterate(carry):
         x, r, p, v, rho, last, alpha, omega, before2, count, _ = carry
         p = _plus(r, rho / last * alpha / omega, _plus(p, -omega, v))

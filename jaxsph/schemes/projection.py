@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, Scalar
+from jaxsph.core.parts import Part
 from jaxsph.core.slabs import Neighbours, Sources
 from jaxsph.model.state import Failure, Pressures, State, Status
 from jaxsph.schemes.bodies import BodiesCoupling, under_air
@@ -137,6 +138,7 @@ class PressureEquation(NamedTuple):
         """The equation with the forces of the air on the bodies by name, N, N m (per metre in 2-D)."""
         return self._replace(couplings=under_air(self.couplings, air))
 
+    @Part.SOLVER.scope()
     def solve(
         self, solver: AbstractSolver, source: Float[Array, " N"], start: Float[Array, " N"]
     ) -> tuple[Float[Array, " N"], Scalar, Array]:

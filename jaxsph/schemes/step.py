@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, Scalar, columns, dot
+from jaxsph.core.parts import Part
 from jaxsph.core.slabs import Sources
 from jaxsph.model import laws
 from jaxsph.model.forces import FORCES
@@ -120,6 +121,7 @@ def force_work(model: Model, before: Particles, after: Particles, interval: Inte
     return {FORCES: sum(given, jnp.zeros_like(interval.dt))}
 
 
+@Part.WALLS.scope()
 def move_walls(scheme: AbstractScheme, model: Model, state: State, dt: Scalar) -> Interval:
     """Interval of dt (s) from a state, with the moving walls advanced to its end."""
     V = scheme.volume(state.particles) / model.walls.width
@@ -161,6 +163,7 @@ def exchanged(
     return found
 
 
+@Part.WALLS.scope()
 def wall_work(
     scheme: AbstractScheme,
     model: Model,

@@ -22,6 +22,7 @@ from jaxsph.core.pairs import (
     trace_upper,
     uncorrected,
 )
+from jaxsph.core.parts import Part
 from jaxsph.core.slabs import Sources
 from jaxsph.model import laws
 from jaxsph.model.background import Background
@@ -193,6 +194,7 @@ class DeltaSPH(AbstractRateScheme):
 
     # ---------------------------------------------------------------- the two passes
 
+    @Part.MOMENTUM.scope()
     def momentum(self, model: Model, p: Particles, sources: Sources, tables: Tables) -> Rates:
         """First pass: acceleration, m/s2 (Eq. 3, 4 or 6, gravity), and gradients of density, kg/m4 (Eq. 9).
 
@@ -219,6 +221,7 @@ class DeltaSPH(AbstractRateScheme):
         limited = {"gradient": jnp.sum(uncorrected(M)).astype(rho.dtype)}
         return Rates(tuple(acceleration), grad_rho, trace_upper(M, dim), limited)
 
+    @Part.CONTINUITY.scope()
     def continuity(self, p, sources, grad_rho, tables):
         """Second pass: rate of change of the density, kg/m3/s (Eq. 7 and 8-9)."""
         guard = laws.GUARD * self.smoothing.h**2

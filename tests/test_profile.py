@@ -1,0 +1,91 @@
+"""Profile of a time step: its parts, their sum, the solver's iterations, and the command."""
+
+import jax
+import pytest
+from conftest import coarse
+from typer.testing import CliRunner
+
+import jaxsph as js
+from jaxsph.cli.app import app
+from jaxsph.core.parts import Part
+from jaxsph.run import profile as measured
+
+CASE = {"scheme": {"kind": "incompressible"}}
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """File of a short run of an incompressible OWC."""
+    path = tmp_path_factory.mktemp("profile") / "owc.h5"
+    js.run(coarse("owc", CASE), t1=0.4, out=path, progress=False)
+    return path
+
+
+@pytest.fixture(scope="module")
+def profile(recorded):
+    return js.profile(recorded)
+
+
+def test_the_parts_of_a_step_add_up_to_its_time(profile):
+    assert sum(share.seconds for share in profile.parts.values()) == pytest.approx(profile.step)
+    assert profile.particles > 0 and profile.devices == 1 and profile.recording > 0.0
+    assert profile.lowering > 0.0 and profile.compilation > 1.0 and profile.slowdown > 0.0
+
+
+def test_every_part_of_an_incompressible_step_is_found(profile):
+    found = {part for part in Part if part.value in profile.parts}
+    assert found == set(Part) - {Part.MOMENTUM, Part.CONTINUITY, Part.BODIES}
+    assert profile.parts[measured.REST].seconds < 0.15 * profile.step
+
+
+def test_only_the_solver_and_the_air_iterate(profile):
+    iterating = {name for name, share in profile.parts.items() if share.iterations}
+    assert iterating == {Part.SOLVER.value, Part.AIR.value}
+    # every search needs at least one iteration, unless the last response still satisfies the equation
+    assert profile.parts[Part.SOLVER.value].iterations >= 0.5
+
+
+def test_operations_belong_to_their_scope_or_to_what_contains_them():
+    program = """
+  %loop.1 = f32[] while(...), metadata={op_name="jit(f)/pressure solver/while"}
+  ROOT %add.2 = f32[] add(...), metadata={op_name="jit(f)/pressure solver/while/body/iteration/add"}
+  %inner.3 = f32[] while(...), metadata={op_name="jit(f)/pressure solver/while/body/iteration/while"}
+  %other.4 = f32[] add(...), metadata={op_name="jit(g)/probes/neighbour search/add"}
+"""
+    scopes = measured._scopes(program)
+    operation = measured._Operation
+    line = [
+        operation("loop.1", 0.0, 100.0),
+        operation("add.2", 10.0, 20.0),
+        operation("add.2", 20.0, 30.0),
+        operation("inner.3", 30.0, 60.0),
+        operation("copy.9", 40.0, 50.0),  # not in the program: belongs to the loop
+        operation("other.4", 110.0, 140.0),
+        operation("copy.9", 150.0, 160.0),  # contained in nothing
+    ]
+    found = measured._shares([line], scopes, delay=2.0, step=1.0, steps=2)
+    # four operations, contained in others, delay the solver by 2 each
+    assert {name: share.seconds for name, share in found.items()} == pytest.approx(
+        {"pressure solver": 92 / 132, "probes": 30 / 132, measured.REST: 10 / 132}
+    )
+    assert found["pressure solver"].iterations == 1.0 and found["probes"].iterations == 0.0
+
+
+def test_the_command_prints_the_parts(recorded, profile, monkeypatch):
+    monkeypatch.setattr(js, "profile", lambda given, devices=None: profile, raising=False)
+    result = CliRunner().invoke(app, ["profile", str(recorded)])
+    assert result.exit_code == 0, result.output
+    for name in profile.parts:
+        assert name in result.output
+    assert "particles on 1 device" in result.output and "iterations" in result.output
+
+
+def test_a_file_has_its_own_case(recorded):
+    result = CliRunner().invoke(app, ["profile", str(recorded), "--set", "dx=0.02"])
+    assert result.exit_code == 2 and "omit --set and --quick" in " ".join(result.output.split())
+
+
+def test_an_accelerator_is_refused(recorded, monkeypatch):
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    with pytest.raises(js.CaseError, match="on CPUs only; set JAX_PLATFORMS=cpu"):
+        js.profile(recorded)
