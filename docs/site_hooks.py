@@ -213,6 +213,8 @@ def _evidence_index(found: dict[str, list]) -> str:
         "# Evidence\n",
         "These pages are generated from the committed results. The command above each table printed its "
         "values. A row gives the limit of the check; a value outside its limit is bold and marked MISSED. "
+        "The reference is the value of theory, or of the measurement, program or run with which a value is "
+        "compared. "
         "The [table of checks](../checks.md) orders the checks by subject.\n",
         "| | experiments | rows | rows with a limit | outside their limits |",
         "|---|---|---|---|---|",
@@ -234,7 +236,7 @@ def _evidence_page(folder: str, results: list[dict]) -> str:
             f"## {heading}\n",
             f"`{one['command']}` ({one['seconds'] / 60:.1f} min; {one['machine']})\n",
         ]
-        parts += ["| check | here | theory | paper | limit | |", "|---|---|---|---|---|---|"]
+        parts += ["| check | here | reference | paper | limit | |", "|---|---|---|---|---|---|"]
         for row in one["rows"]:
             value = shown(row["here"], row["unit"])
             value = f"**{value}**" if row["passes"] is False else value

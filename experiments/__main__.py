@@ -1,4 +1,4 @@
-"""Command line of the experiments: runs them by name, and compares every check with paper and theory.
+"""Command line of the experiments: runs them by name, and compares them with the paper and with references.
 
     python -m experiments run NAME [OPTIONS]   runs one experiment; rows and pictures go to runs/results
     python -m experiments run NAME --help      shows its options; without a NAME lists the names
@@ -8,7 +8,7 @@
                                                each experiment, and the numbers in the README and docs/
 
 A row is flagged `MISSED` if its value is outside its limit, and `worse than the paper` if the paper's value
-is nearer to theory.
+is nearer to the reference.
 """
 
 from __future__ import annotations
@@ -37,10 +37,13 @@ FOLDERS = ("verification", "validation", "studies", "benchmarks")
 INTRODUCTION = """# Experiments
 
 Results of the experiments. `python -m experiments gallery` writes this page from the committed results;
-`python -m experiments table` prints every row with its limit and with the values of theory and paper.
+`python -m experiments table` prints every row with its limit. A reference is a value of theory, or of the
+measurement, the other program or the other run with which a result is compared.
+
 The command of a section repeats the experiment, and writes its rows and picture into `runs/results`. Runs are
 kept in `runs/`; an interrupted run is continued. With `--commit` appended, the command replaces the results
-shown here. Times were measured on two cores shared with other processes.
+shown here. Each command is followed by the duration and the machine. The CPUs were shared with other
+processes. A duration of 0.0 or 0.1 min does not include all runs.
 """
 
 app = typer.Typer(
@@ -83,7 +86,7 @@ def table(
     missed = total = 0
     for found in results(names, OWN if own else COMMITTED):
         print(f"\n{_heading(found)}\n  {found['command']}  ({found['seconds']:.0f} s; {found['machine']})")
-        print(f"  {'':54s} {'paper':>12s} {'theory':>12s} {'here':>18s}  limit")
+        print(f"  {'':54s} {'paper':>12s} {'reference':>12s} {'here':>18s}  limit")
         for row in found["rows"]:
             total += 1
             missed += row["passes"] is False
@@ -181,7 +184,7 @@ def _committed(names: list[str] | None, folder: Path = COMMITTED) -> list[tuple[
 
 
 def flag(row: dict[str, Any]) -> str:
-    """Verdict on a row, with a note if the paper's value is nearer to theory than the value here."""
+    """Verdict on a row, with a note if the paper's value is nearer to the reference than the value here."""
     values = [row[key] for key in ("here", "paper", "theory")]
     worse = ""
     if all(isinstance(value, float) for value in values):
@@ -223,7 +226,8 @@ def _heading(found: dict[str, Any]) -> str:
 
 
 def _line(row: dict[str, Any]) -> str:
-    beside = ", ".join(f"{key} {shown(row[key])}" for key in ("theory", "paper") if row[key] is not None)
+    names = {"theory": "reference", "paper": "paper"}
+    beside = ", ".join(f"{names[key]} {shown(row[key])}" for key in names if row[key] is not None)
     missed = " **(missed)**" if row["passes"] is False else ""
     return f"{row['check']} {shown(row['here'], row['unit'])}" + (f" ({beside})" if beside else "") + missed
 

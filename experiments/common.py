@@ -73,7 +73,7 @@ class Report:
         self.rows: list[dict[str, Any]] = []
         self.pictures: list[str] = []
         self.seconds: float | None = None
-        """Wall time of the runs (s), if the experiment sets it; otherwise the whole duration is reported."""
+        """Wall time of the runs (s) if the experiment sets it, otherwise the time spent in the context."""
 
     def __enter__(self) -> Report:
         self._began = time.perf_counter()
@@ -91,7 +91,7 @@ class Report:
         bar: str = "",
         passes: bool | None = None,
     ) -> None:
-        """Adds one check: values here, in theory and in the paper, the limit `bar`, and whether it is met."""
+        """Adds a check: value, reference `theory`, value of the paper, limit `bar`, and whether it is met."""
         found = {"check": check, "here": _plain(here), "unit": unit, "theory": _plain(theory)}
         found |= {"paper": _plain(paper), "bar": bar, "passes": None if passes is None else bool(passes)}
         self.rows.append(found)
@@ -146,6 +146,12 @@ def lattice(low: Sequence[float], high: Sequence[float], dx: float) -> np.ndarra
     return filled(tuple(low), tuple(high), dx)[0]
 
 
+BUDGET = {
+    "residual": "energy not accounted for",
+    "projection": "energy lost in the projection",
+    "hyperviscosity": "energy lost by hyperviscosity",
+}
+"""Names of terms of the energy budget in the reports."""
 VERDICT = {None: "", True: "ok", False: "MISSED"}
 
 

@@ -131,7 +131,7 @@ def over_periods(
     for j, T in enumerate(periods):
         change, expected = xi[-1, j] - xi[0, j], theory[-1, j] - theory[0, j]
         report.row(
-            f"T = {T:g} s: change of xi from {values[0]:g} to {values[-1]:g} m",
+            f"T = {T:g} s: change of xi from a {label} of {values[0]:g} m to {values[-1]:g} m",
             change,
             theory=None if np.isnan(expected) else expected,
         )

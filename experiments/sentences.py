@@ -5,62 +5,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from experiments.prose import Results, Sentence, renewed
+from experiments.quantities import (
+    DISTANCES,
+    HIGH,
+    HYPERVISCOSITY,
+    PROJECTION,
+    ends,
+    lost_in_filter,
+    missing,
+    of_owc,
+    over_theory,
+    share,
+    spacings,
+    too_low,
+)
 
 ROOT = Path(__file__).parents[1]
 README, TUTORIAL = "README.md", "docs/tutorial.md"
 METHOD, MEASURED = "docs/method.md", "docs/measurements.md"
 WAVES, SLOPES = "docs/how-to/own-waves.md", "docs/how-to/slopes.md"
 ISPH, WCSPH = "docs/theory/incompressible.md", "docs/theory/weakly-compressible.md"
-SPACINGS = (20, 10, 5)
-"""Spacings of the convergence study, mm."""
-
-
-def of_owc(name: str) -> Callable[[Results], float]:
-    """Energy `name` of the built-in OWC, % of the paddle's work."""
-    return lambda r: 100 * r("owc_0.02", f"energy: {name}") / r("owc_0.02", "energy: paddle")
-
-
-def spacings(what: str, kind: str = "incompressible") -> Callable[[Results], tuple[float, ...]]:
-    """Values `what` of the convergence study at three spacings, or at two for the weakly compressible
-    scheme."""
-    present = SPACINGS if kind == "incompressible" else SPACINGS[:2]
-    return lambda r: tuple(r("convergence", f"{kind}, {mm} mm: {what}") for mm in present)
-
-
-def over_theory(r: Results, name: str, beginning: str) -> tuple[float, float]:
-    """Smallest and largest ratio to theory (-) among the rows whose checks begin with `beginning`."""
-    return ends(row["here"] / row["theory"] for row in r.rows(name, beginning))
-
-
-def too_low(r: Results, *names: str) -> tuple[float, float]:
-    """Smallest and largest shortfall of efficiencies in low waves below linear theory, % of theory."""
-    return ends(100 * (1 - ratio) for name in names for ratio in over_theory(r, name, "xi at "))
-
-
-def missing(name: str) -> Callable[[Results], tuple[float, ...]]:
-    """Shortfalls of the efficiency at K_dm = 960 in low waves below linear theory, %, longest waves first."""
-    return lambda r: tuple(
-        100 * (1 - row["here"] / row["theory"]) for row in reversed(list(r.rows(name, "xi at K_dm = 960")))
-    )
-
-
-def lost_in_filter(r: Results) -> tuple[float, float]:
-    """Smallest and largest share of the water's response that the filter of derivatives removes, per cent."""
-    return ends(
-        100 * r("filter_study_0.02", f"K_dm = {damping}: share of the water's response lost")
-        for damping in ("257", "534.66", "1300")
-    )
-
-
-def ends(values: Iterable[float]) -> tuple[float, float]:
-    """The smallest and the largest value."""
-    found = list(values)
-    return min(found), max(found)
-
 
 PROSE = (
     # README
@@ -83,18 +50,21 @@ PROSE = (
     Sentence(
         "divided by the column's width | 0.043 | {:.3f}",
         lambda r: (
-            r("dam_break_front", "H/dx = 60: largest distance of the front outside the shifted envelope"),
+            r(
+                "dam_break_front",
+                "H/dx = 60: largest distance of the front from the envelope of the shifted measurements",
+            ),
         ),
         (README,),
     ),
     Sentence(
         "(paper: 5.9, 6.1, 5.6 %) | {:.1f}, {:.1f}, {:.1f} %",
-        lambda r: tuple(r("wave_tank_0.01_incompressible", f"MAE_a at {x} wavelengths") for x in (0.5, 1, 2)),
+        lambda r: tuple(r("wave_tank_0.01_incompressible", f"MAE_a at {x}") for x in DISTANCES),
         (README,),
     ),
     Sentence(
         "energy not accounted for, as a share of the paddle's work | 2 % | {:.3f} %",
-        lambda r: (r("owc_0.02", "not accounted for / paddle"),),
+        lambda r: (share("owc_0.02", "not accounted for")(r),),
         (README,),
     ),
     Sentence(
@@ -104,9 +74,7 @@ PROSE = (
     ),
     Sentence("| 5 and 2.5 % apart | {:.3f}, {:.3f} and {:.3f} |", spacings("xi"), (README,)),
     Sentence(
-        "| 10 % | **{:.0f} to {:.0f} % too low** |",
-        lambda r: too_low(r, "small_waves_0.01"),
-        (README,),
+        "| 10 % | **{:.0f} to {:.0f} % too low** |", lambda r: too_low(r, "small_waves_0.01"), (README,)
     ),
     Sentence(
         "impulse of the force (in the laboratory: {:.1f} N s) | 20 % | {:.1f} N s",
@@ -142,7 +110,7 @@ PROSE = (
         (TUTORIAL,),
     ),
     Sentence(
-        "Starting from 150 it ends at {:.0f}, from 2400 at {:.0f}",
+        "the search from 150 ends at {:.0f}, and the search from 2400 at {:.0f}",
         lambda r: tuple(r("best_damping_0.02", f"from K_dm = {start}: best K_dm") for start in (150, 2400)),
         (TUTORIAL,),
     ),
@@ -150,7 +118,7 @@ PROSE = (
         "the annual mean is {:.3f} ± {:.3f} W/m, which is {:.2f} of linear theory",
         lambda r: (
             power := r("annual_power_0.02", "annual mean power"),
-            r("annual_power_0.02", "its standard error"),
+            r("annual_power_0.02", "standard error of the annual mean power"),
             power / r("annual_power_0.02", "annual mean power", column="theory"),
         ),
         (TUTORIAL,),
@@ -172,7 +140,7 @@ PROSE = (
         "the slope of the mean power is known to {:.0f} %",
         lambda r: (
             100
-            * r("sea_slope_0.02", "1e4 times its standard error", "1e4 times the ensemble's slope")
+            * r("sea_slope_0.02", "1e4 times the standard error of the ensemble's slope")
             / r("sea_slope_0.02", "1e4 times the ensemble's slope"),
         ),
         (TUTORIAL,),
@@ -180,7 +148,7 @@ PROSE = (
     # method
     Sentence(
         "has {:.2f} times the Gaussian's spurious stress in pure strain",
-        lambda r: (r("lattice_stress", "2-D: polynomial over Gaussian, strained"),),
+        lambda r: (r("lattice_stress", "2-D: stress in pure strain, polynomial over Gaussian"),),
         (METHOD,),
     ),
     Sentence(
@@ -198,20 +166,23 @@ PROSE = (
     ),
     Sentence(
         "For the OWC {:.3f} % of the paddle's work is not accounted for",
-        lambda r: (abs(r("owc_0.02", "not accounted for / paddle")),),
+        lambda r: (abs(share("owc_0.02", "not accounted for")(r)),),
         (METHOD,),
     ),
     Sentence(
         "It dissipates {:.0f} % in the built-in case at dx = 0.02 m (`owc`), and {:.0f}, {:.0f} and {:.0f} % "
         "at",
-        lambda r: (of_owc("hyperviscosity")(r), *spacings("hyperviscosity / paddle")(r)),
+        lambda r: (
+            of_owc("hyperviscosity")(r),
+            *spacings("energy lost by hyperviscosity, over the paddle's work")(r),
+        ),
         (METHOD,),
     ),
     Sentence(
         "The projection** removes {:.1f} % in the built-in OWC (`owc`) and up to {:.0f} % in high waves",
         lambda r: (
             of_owc("projection")(r),
-            r("high_waves", "dx = 0.04 m, cfl = 0.25, relaxation = 1.5: projection, over the paddle's work"),
+            share("high_waves", PROJECTION, HIGH.format(0.25))(r),
         ),
         (METHOD,),
     ),
@@ -257,7 +228,7 @@ PROSE = (
         (MEASURED,),
     ),
     Sentence(
-        "particles keep moving at {:.2f} m/s at dx = 0.02 m",
+        "particles keep moving at up to {:.2f} m/s at dx = 0.02 m",
         lambda r: (r("thin_wall", "incompressible, wall 1 dx thick: largest speed at the end"),),
         (MEASURED,),
     ),
@@ -265,9 +236,9 @@ PROSE = (
         "lose {:.0f} % in the projection and {:.0f} % to hyperviscosity. With `scheme.cfl` = 0.12 instead of "
         "0.25 they lose {:.0f} and {:.0f} %",
         lambda r: tuple(
-            r("high_waves", f"dx = 0.04 m, cfl = {cfl}, relaxation = 1.5: {what}, over the paddle's work")
+            share("high_waves", term, HIGH.format(cfl))(r)
             for cfl in (0.25, 0.12)
-            for what in ("projection", "hyperviscosity")
+            for term in (PROJECTION, HYPERVISCOSITY)
         ),
         (METHOD,),
     ),
@@ -284,8 +255,8 @@ PROSE = (
     Sentence(
         "The flap at dx = 0.04 m loses {:.0f} % in the projection and {:.0f} % to hyperviscosity",
         lambda r: (
-            r("flap_3d_0.04", "lost in the projection, over the paddle's work"),
-            r("flap_3d_0.04", "lost by hyperviscosity, over the paddle's work"),
+            share("flap_3d_0.04", PROJECTION)(r),
+            share("flap_3d_0.04", HYPERVISCOSITY)(r),
         ),
         (METHOD,),
     ),
@@ -300,7 +271,7 @@ PROSE = (
     ),
     Sentence(
         "plate {:.1f} % of the paddle's work appears as spurious energy",
-        lambda r: (-r("convergence", "weakly compressible, 10 mm: not accounted for / paddle"),),
+        lambda r: (-share("convergence", "not accounted for", "weakly compressible, 10 mm: ")(r),),
         (METHOD,),
     ),
     Sentence(
@@ -343,7 +314,7 @@ PROSE = (
     ),
     Sentence(
         "| {:.1f} to {:.1f} % | `wave_tank --dx 0.02 --incompressible` |",
-        lambda r: ends(r("wave_tank_0.02_incompressible", f"MAE_a at {x} wavelengths") for x in (0.5, 1, 2)),
+        lambda r: ends(r("wave_tank_0.02_incompressible", f"MAE_a at {x}") for x in DISTANCES),
         (METHOD,),
     ),
     Sentence(
@@ -375,7 +346,11 @@ PROSE = (
     ),
     Sentence(
         "the OWC's efficiencies differ by {:.1f} %",
-        lambda r: (abs(r("convergence", "incompressible minus weakly compressible, 10 mm: xi")),),
+        lambda r: (
+            abs(
+                r("convergence", "incompressible minus weakly compressible, 10 mm: relative difference of xi")
+            ),
+        ),
         (METHOD,),
     ),
     # theory and guides
@@ -385,14 +360,12 @@ PROSE = (
         lambda r: (
             of_owc("hyperviscosity")(r),
             of_owc("projection")(r),
-            abs(r("owc_0.02", "not accounted for / paddle")),
+            abs(share("owc_0.02", "not accounted for")(r)),
         ),
         (ISPH,),
     ),
     Sentence(
-        "| {:.0f} % lost in the projection |",
-        lambda r: (r("flap_3d_0.04", "lost in the projection, over the paddle's work"),),
-        (ISPH,),
+        "| {:.0f} % lost in the projection |", lambda r: (share("flap_3d_0.04", PROJECTION)(r),), (ISPH,)
     ),
     Sentence(
         "waves lower than a spacing | {:.0f} to {:.0f} % of the efficiency",
@@ -427,18 +400,18 @@ PROSE = (
         ),
         (SLOPES,),
     ),
-    Sentence(
-        "a bias of {:.0f} to {:.0f} % of the water's response",
-        lost_in_filter,
-        (SLOPES,),
-    ),
+    Sentence("a bias of {:.0f} to {:.0f} % of the water's response", lost_in_filter, (SLOPES,)),
     Sentence("A filter removes {:.0f} to {:.0f} %", lost_in_filter, (METHOD,)),
     *(
         Sentence(
             f"| {shown} | {{:z.{digits}f}}e-4 ± {{:.{digits}f}}e-4 | {{:.{digits}f}}e-4 |",
             lambda r, damping=damping: tuple(
                 r("filter_study_0.02", f"K_dm = {damping}: 1e4 times {what}")
-                for what in ("the slope of the fit", "its standard error", "the filtered slope")
+                for what in (
+                    "the slope of the fit",
+                    "the standard error of the slope of the fit",
+                    "the filtered slope",
+                )
             ),
             (SLOPES,),
         )

@@ -135,7 +135,7 @@ def _fill(path, kind):
         ("fifo", "a pipe or a device"),
         ("folder", "folder"),
         ("device", "a pipe or a device"),
-        ("large", r"too large for a data file, which has at most 1e\+06 bytes"),
+        ("large", r"too large for a data file, which may have at most 1e\+06 bytes"),
         ("NUL", "NUL bytes"),
         ("UTF-16", "is not UTF-8 text"),
         ("absent", "no data file .*give the name of a CSV file"),
@@ -177,7 +177,7 @@ def test_a_message_says_where_the_fault_is(tmp_path):
     path.write_text('t (s),eta (m)\n\n0,"0\n1"\n')
     message = refusal("waves.file", path)
     assert message.endswith(
-        "sea.csv, line 3 (6 characters): must have 2 finite numbers, t, eta, separated by commas"
+        "sea.csv, line 3 (6 characters): must have 2 finite numbers (t, eta), separated by commas"
     )
 
 

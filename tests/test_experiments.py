@@ -159,7 +159,7 @@ def test_table_counts_what_misses(results, monkeypatch):
     monkeypatch.setattr(runner, "COMMITTED", results)
     assert "2 rows, 1 outside their limits" in called("table").output
     assert "0 rows" in called("table", "other").output
-    assert "two 2 Pa (theory 1) **(missed)**" in runner.gallery_text(results)
+    assert "two 2 Pa (reference 1) **(missed)**" in runner.gallery_text(results)
 
 
 def test_gallery_names_the_row_that_another_row_continues(results):
@@ -257,7 +257,7 @@ def test_convergence_reports_the_runs_that_are_there(results, monkeypatch, tmp_p
     assert rows["incompressible: xi, extrapolated to zero spacing (order 1)"]["here"] == pytest.approx(0.6)
     assert rows["incompressible: pressure amplitude, extrapolated to zero spacing"]["here"] == "not monotone"
     assert rows["incompressible: change of xi from 20 to 10 mm"]["passes"] is False
-    assert rows["incompressible, 5 mm: pto / paddle"]["here"] == 50.0
+    assert rows["incompressible, 5 mm: energy (pto), over the paddle's work"]["here"] == 50.0
     assert not any("sponge" in check or check.startswith("weakly") for check in rows)
     assert rows["linear theory, zeta = 0: xi"]["here"] == pytest.approx(0.779, abs=1e-3)
     assert kept["seconds"] == 420.0

@@ -70,7 +70,7 @@ def test_linear_theory_of_a_case_s_sea():
     assert 0.4 < found.xi < 0.7 and found.P_inc == pytest.approx(js.incident_power(CASE), rel=1e-4)
     with pytest.raises(js.CaseError, match="use linear_owc"):
         js.linear_sea(js.load_case("owc"))
-    with pytest.raises(js.CaseError, match="waves is not given"):
+    with pytest.raises(js.CaseError, match="no waves are given"):
         js.linear_sea(js.load_case("vessel"))
     with pytest.raises(js.CaseError, match=r'waves.kind = "irregular"'):
         js.linear_owc(CASE)

@@ -44,8 +44,14 @@ def moored(mooring, **sections):
         (CHAIN | {"anchor": [3.0, 0.1]}, "mooring.a.anchor .* is inside solid.step"),
         (CHAIN | {"length": 1.3}, "mooring.a.length = 1.3 m: the distance .* is 1.471 m"),
         (CHAIN | {"anchor": [0.4, 0.2], "length": 2.0}, "would sag .* below the bed: use an anchor on"),
-        (CHAIN | {"at": [1.8, 0.55], "anchor": [3.9, 0.5], "length": 2.11}, "deep through body"),
-        (CHAIN | {"at": [2.2, 0.45], "anchor": [3.9, 0.0], "length": 1.8}, "deep through solid.step"),
+        (
+            CHAIN | {"at": [1.8, 0.55], "anchor": [3.9, 0.5], "length": 2.11},
+            "at rest passes through body, up to .* m below its surface",
+        ),
+        (
+            CHAIN | {"at": [2.2, 0.45], "anchor": [3.9, 0.0], "length": 1.8},
+            "at rest passes through solid.step, up to .* m",
+        ),
         (LINE | {"mass": 0.01}, "mooring.a weighs .* but must sink"),
         (LINE | {"axial_stiffness": 1e12}, "mooring.a.axial_stiffness = 1e.12 N: the line would take"),
         (CHAIN | {"weight": -1.0}, "mooring.a.weight = -1"),
@@ -63,7 +69,11 @@ def test_moorings_that_do_not_fit_are_refused(mooring, message):
     [
         (1.5, {"anchor": [2.0, 0.32], "length": 0.3}, "mooring.a.anchor .* is inside body"),
         (1.5, {}, "mooring.a.length = 1.52 m: the distance .* is 1.686 m"),
-        (1.5, {"at": [2.0, 0.4], "anchor": [3.4, 0.0], "length": 1.6}, "deep through body"),
+        (
+            1.5,
+            {"at": [2.0, 0.4], "anchor": [3.4, 0.0], "length": 1.6},
+            "at rest passes through body, up to .* m below its surface",
+        ),
         (1.5, {"at": [3.8, 0.45], "anchor": [2.8, 0.0]}, "mooring.a.at: .* is outside the tank"),
     ],
 )

@@ -560,6 +560,17 @@ def test_browser_follows_a_run_that_goes_on(visit, tmp_path):
 
 
 @needs_browser
+def test_browser_follows_a_sweep_that_goes_on(visit, tmp_path):
+    path = make_sweep(tmp_path / "s.h5", {"pto.K_dm": np.array([300.0, 400.0])}, (2,))
+    with js.Watch(path) as served:
+        page = visit(served.address)
+        page.wait_for_function("jaxsph.taken === 1")
+        make_sweep(path, {"pto.K_dm": np.array([300.0, 400.0, 500.0])}, (3,))
+        page.wait_for_function("jaxsph.taken === 2")
+        assert page.evaluate("jaxsph.sweeps[0].members.length") == 3
+
+
+@needs_browser
 @pytest.mark.slow
 def test_browser_is_fast(visit, tmp_path):
     """In software: 30 pictures per second of 8,000 particles, 10 of 50,000; the first picture within 2 s."""

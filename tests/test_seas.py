@@ -330,7 +330,7 @@ def test_a_recorded_series_is_read_from_its_file(tmp_path):
         ("t_ms,eta\n0,1\n", "line 1 .*: t must be in s"),
         ("time,level\n0,1\n", r"line 1 .*: must name the columns t \(s\), eta \(m\) or t \(s\), X \(m\)"),
         ("", r"line 1 \(0 characters\): must name"),
-        ("t,eta\n0,1\n0.1,x\n", r"line 3 \(5 characters\): must have 2 finite numbers, t, eta"),
+        ("t,eta\n0,1\n0.1,x\n", r"line 3 \(5 characters\): must have 2 finite numbers \(t, eta\)"),
         ("t,eta\n0,1\n0.1,nan\n", "line 3"),
         ("t,eta\n0,1\n0.1\n", "line 3"),
     ],

@@ -376,7 +376,7 @@ def test_a_run_goes_on_under_a_higher_tank(whole, tmp_path):
     ("changes", "message"),
     [
         ({"dx": 0.1}, "dx cannot change during a run: it is the spacing"),
-        ({"device.draught": 0.1}, "device.draught cannot .* moves the walls"),
+        ({"device.draught": 0.1}, "device.draught cannot .* would move the walls"),
         ({"waves.H": 0.02}, "waves.H cannot .* the paddle would jump"),
         ({"probes.gauges": [1.0]}, "probes.gauges cannot .* columns of the present probes"),
         ({"tank.height": 0.5}, "tank.height = 0.5: must be higher than the .* m of the run"),
@@ -716,7 +716,7 @@ def test_failures_have_their_remedies(hydrostatic):
     failed = eqx.tree_at(lambda s: s.status, state, inside)
     words = str(chunks.failure_error(model, failed, "it", remedies(case)))
     assert "inside a wall within the first 20 steps" in words
-    assert "What to change: correct the set-up, which is the likely cause, if water, walls" in words
+    assert "What to change: correct the set-up, the likely cause: near this point water, walls" in words
     later = eqx.tree_at(lambda s: s.step, inside, jnp.asarray(21, inside.step.dtype))
     failed = eqx.tree_at(lambda s: s.status, state, later)
     words = str(chunks.failure_error(model, failed, "it", remedies(case)))

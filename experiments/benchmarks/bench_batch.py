@@ -1,4 +1,4 @@
-"""Ratio of the time of a run in a vmapped batch to the time of a run alone: should a sweep use batches?"""
+"""Ratio of the time of a run in a vmapped batch to the time of a run alone."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ def main(
     kind = "weakly compressible" if weakly_compressible else "incompressible"
     suffix = "_weakly" if weakly_compressible else ""
     name = f"bench_devices_{case}_{dx:g}_{devices}{suffix}"
-    with Report(name, f"{case}, {kind}, on {devices} devices", dx) as report:
+    with Report(name, f"Speed-up of {case}, {kind}, on {devices} devices", dx) as report:
         alone, whole, shared = (
             apart(cost, changes, count, turns, one_core, case)["seconds"]
             for count, one_core in ((1, True), (1, False), (devices, False))

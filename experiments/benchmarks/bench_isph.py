@@ -1,4 +1,4 @@
-"""Speed of the incompressible scheme in 3-D: a step of the column's dam break, and the Poisson operator."""
+"""Speed of the incompressible scheme in 3-D: a step of a dam break on a column, and the Poisson operator."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PAPER = PAPER_SIZE / PAPER_STEP
 
 
 def main(dx: float = 0.01, steps: int = 10, turns: int = 3, threads: int = 1, devices: int = 1) -> None:
-    """Times steps after the gate opens, searches included, on `threads` cores or the accelerator of JAX.
+    """Times steps after the water's release, searches included, on `threads` cores or the accelerator of JAX.
 
     Each of the `steps` blocks contains the steps between two searches. The timing follows a first run of as
     many blocks.

@@ -34,7 +34,9 @@ def main(fine: float = 0.008, t1: float = 3.0, seconds: float = 4.0) -> None:
     }
     with Report("bench_report", "Pages of runs in Chromium, without a graphics card") as report:
         whole = _coarse_run()
-        report.row("jaxsph run owc --quick, from command to page", whole, "s", bar="60 s", passes=whole < 60)
+        report.row(
+            "jaxsph run owc --quick: time from command to page", whole, "s", bar="60 s", passes=whole < 60
+        )
         for (name, run), bar in zip(files.items(), (30, 10), strict=True):
             began = time.perf_counter()
             page = js.report(run.path)

@@ -91,7 +91,13 @@ def _model(report: Report, table: dict[str, np.ndarray], steps: int) -> None:
         report.row(f"{scheme}: model, time per particle and step", 1e6 * each, "us")
         report.row(f"{scheme}: model, constant time per step", 1e3 * once, "ms")
         report.row(f"{scheme}: model, additional time per step on several devices", 1e3 * shared, "ms")
-        report.row(f"{scheme}: model, largest error", 100 * worst, "%", bar="20 %", passes=worst < 0.2)
+        report.row(
+            f"{scheme}: largest relative error of the modelled time per step",
+            100 * worst,
+            "%",
+            bar="20 %",
+            passes=worst < 0.2,
+        )
         x = np.geomspace(n.min() / 2, n.max() * 2, 50)
         for marker, which in (("o", ~many), ("s", many)):
             axis.plot(n[which], 1e3 * seconds[which], colour + marker, mfc="none" if marker == "s" else None)

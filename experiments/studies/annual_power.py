@@ -54,5 +54,5 @@ def main(dx: float = 0.02, workers: int = 1) -> None:
         report.row("largest standard error of a cell", float(100.0 * error.max()), "%")
         mean, linear = done.annual(table), float(np.sum(np.array(SHARES) * done.linear))
         report.row("annual mean power", mean.value, "W/m", theory=linear)
-        report.row("its standard error", mean.error, "W/m")
+        report.row("standard error of the annual mean power", mean.error, "W/m")
         report.picture(draw_matrix(done))

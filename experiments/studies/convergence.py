@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 import jaxsph as js
 from experiments import common
-from experiments.common import Report, solved
+from experiments.common import BUDGET, Report, solved
 from jaxsph import analysis
 from jaxsph.output.run_file import RunFile
 
@@ -209,8 +209,8 @@ def _rows(report: Report, where: str, run: Found) -> None:
         report.row(f"{where}: {label}", run.values[name], unit)
         report.row(f"{where}: {label}, standard error", run.errors[name], unit)
     for name, share in _shares(run.results).items():
-        label = "not accounted for" if name == "residual" else name
-        report.row(f"{where}: {label} / paddle", 100.0 * share, "%")
+        label = BUDGET.get(name, f"energy ({name})")
+        report.row(f"{where}: {label}, over the paddle's work", 100.0 * share, "%")
     for name, label, unit in (
         ("incident_height", "incident height", "m"),
         ("reflection", "reflection", ""),
@@ -267,7 +267,7 @@ def _schemes_apart(report: Report, runs: dict[str, dict[float, Found]]) -> None:
     xi = [found[spacing].values["xi"] for found in runs.values()]
     apart = (xi[0] - xi[1]) / np.mean(xi)
     report.row(
-        f"{' minus '.join(map(_short, runs))}, {1e3 * spacing:g} mm: xi",
+        f"{' minus '.join(map(_short, runs))}, {1e3 * spacing:g} mm: relative difference of xi",
         100.0 * apart,
         "%",
         theory=0.0,
@@ -281,7 +281,7 @@ def _theory(report: Report, linear: js.LinearOWC) -> None:
     where = f"linear theory, zeta = {linear.lip_loss:g}"
     for name, (label, unit) in QUANTITIES.items():
         report.row(f"{where}: {label}", _expected(linear, name), unit)
-    report.row(f"{where}: power lost at the lip / incident", 100.0 * linear.P_lip / linear.P_inc, "%")
+    report.row(f"{where}: power lost at the lip / incident power", 100.0 * linear.P_lip / linear.P_inc, "%")
 
 
 def _expected(linear: js.LinearOWC, name: str) -> float:

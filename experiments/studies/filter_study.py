@@ -1,6 +1,6 @@
 """Accuracy of a filtered derivative: d xi/d K_dm of the OWC at three dampings, against a fit through runs.
 
-The tank is 4 m long, as in the other studies, and dx = 0.02 m. A second run covers 30 periods in a tank of
+The tank is 4 m long, as in the other studies, and dx = 0.02 m. A further run covers 30 periods in a tank of
 1.2 m, where the slopes must stay bounded.
 """
 
@@ -42,7 +42,7 @@ def main(dx: float = 0.02) -> None:
             off = abs(one["slope"] - expected)
             right = abs(expected) < 2 * error or one["slope"] * expected > 0
             report.row(f"K_dm = {k:g}: 1e4 times the slope of the fit", 1e4 * expected)
-            report.row(f"K_dm = {k:g}: 1e4 times its standard error", 1e4 * error)
+            report.row(f"K_dm = {k:g}: 1e4 times the standard error of the slope of the fit", 1e4 * error)
             report.row(
                 f"K_dm = {k:g}: 1e4 times the filtered slope",
                 1e4 * one["slope"],
@@ -52,7 +52,8 @@ def main(dx: float = 0.02) -> None:
             )
             response = expected - 2 * one["value"] / k
             report.row(
-                f"K_dm = {k:g}: share of the water's response lost", (one["slope"] - expected) / -response
+                f"K_dm = {k:g}: share of the water's response that the filter removes",
+                (one["slope"] - expected) / -response,
             )
         slopes = np.asarray(long["per_period"])
         # without any response of the water the slope is the direct term; twice this term is taken as growth
@@ -117,7 +118,7 @@ def slope(case: js.Case, name: str) -> dict:
 
 @dataclasses.dataclass
 class Fit:
-    """Quartic in ln K_dm fitted to efficiencies; a cubic misses the runs by more than they scatter."""
+    """Quartic in ln K_dm fitted to efficiencies; the residuals of a cubic exceed the scatter of the runs."""
 
     K: np.ndarray
     xi: np.ndarray

@@ -52,7 +52,7 @@ def main(dx: float = 0.03) -> None:
             passes=worst < 0.1,
         )
         report.row(
-            "lost in the projection, over the paddle's work, with the smallest and the largest damping",
+            "energy lost in the projection, over the paddle's work, with the smallest and largest damping",
             " and ".join(f"{100 * share:.0f} %" for share in (lost[0], lost[-1])),
         )
         figure = Figure(figsize=(9, 3.6), layout="constrained")

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import jaxsph as js
-from experiments.common import Report, of_paddle, solved
+from experiments.common import BUDGET, Report, of_paddle, solved
 from jaxsph.analysis import fundamental, whole_periods
 
 
@@ -52,11 +52,8 @@ def main(dx: float = 0.04) -> None:
             bar="within 10 %",
             passes=abs(share) < 0.1,
         )
-        for name, what in (
-            ("projection", "lost in the projection"),
-            ("hyperviscosity", "lost by hyperviscosity"),
-        ):
-            report.row(f"{what}, over the paddle's work", of_paddle(results, name), "%", theory=0.0)
+        for name in ("projection", "hyperviscosity"):
+            report.row(f"{BUDGET[name]}, over the paddle's work", of_paddle(results, name), "%", theory=0.0)
         figure = Figure(figsize=(9, 4.6), layout="constrained")
         upper, lower = figure.subplots(2, 1, sharex=True)
         upper.plot(t, np.degrees(series["pitch"]))

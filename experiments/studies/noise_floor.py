@@ -33,7 +33,9 @@ def main(
     t1: float = 14.0,
 ) -> None:
     """Runs or continues the incompressible OWC at these spacings, and reports the noise at t1 (s)."""
-    with Report("noise_floor", f"Noise within {NEAR:g} m of the OWC's end wall at t = {t1:g} s") as report:
+    with Report(
+        "noise_floor", f"Noise over the RMS speed within {NEAR:g} m of the OWC's end wall at t = {t1:g} s"
+    ) as report:
         report.seconds = 0.0
         flow = _particles(finest, t1, report)
         for spacing in sorted(dx or SPACINGS[:-1], reverse=True):

@@ -30,7 +30,12 @@ def _rows(report: Report, case: js.Case, results: dict[str, float], over: dict[s
         report.row(f"energy: {name.removeprefix('energy_')}", results[name], "J/m")
     share = results["energy_residual"] / results["energy_paddle"]
     report.row(
-        "not accounted for / paddle", 100 * share, "%", theory=0.0, bar="within 5 %", passes=abs(share) < 0.05
+        "energy not accounted for, over the paddle's work",
+        100 * share,
+        "%",
+        theory=0.0,
+        bar="within 5 %",
+        passes=abs(share) < 0.05,
     )
 
     # rate of change of the volume over q, at the wave frequency because differences of samples are noisy
@@ -41,7 +46,7 @@ def _rows(report: Report, case: js.Case, results: dict[str, float], over: dict[s
     ratio = volume / flow
     off = abs(ratio - 1)
     report.row(
-        "difference between the rate of the chamber's volume and q",
+        "rate of change of the chamber's volume minus the flow, over the flow",
         100 * off,
         "%",
         theory=0.0,

@@ -79,12 +79,12 @@ def main(dx: float = 0.02, learn: int = 16, judge: int = 12, before: int = 4, ra
         report.row("xi with a constant damping", b.mean())
         report.row("xi with the learnt damping", a.mean())
         report.row(
-            "gain",
+            "gain of xi by the learnt damping",
             a.mean() - b.mean(),
             bar="more than two standard errors",
             passes=a.mean() - b.mean() > 2 * error,
         )
-        report.row("its standard error", error)
+        report.row("standard error of the gain", error)
         for name, value in zip(("a1", "b1", "a2", "b2"), np.asarray(phase), strict=True):
             report.row(f"coefficient {name}", float(value))
         figure = Figure(figsize=(10, 4), layout="constrained")

@@ -20,4 +20,4 @@ def main(dx: float = 0.02) -> None:
     title = "Efficiency over period and height of a platform: effect of the assumed height"
     case = study_case(dx, 12.0).replace({"device.platform_length": LENGTH, "device.platform_height": 0.0})
     with Report(f"platform_study_{dx:g}", title, dx) as report:
-        over_periods(report, case, "device.platform_height", "platform", HEIGHTS, PERIODS)
+        over_periods(report, case, "device.platform_height", "platform height", HEIGHTS, PERIODS)

@@ -35,7 +35,7 @@ def main(dx: float = 0.02, members: int = 5, workers: int = 1) -> None:
     ) as report:
         report.row("mean power", found.value, "W/m", theory=js.linear_sea(case).P_owc)
         report.row("1e4 times the slope of a cubic in ln K_dm through seven runs", 1e4 * slope)
-        report.row("1e4 times its standard error", 1e4 * error)
+        report.row("1e4 times the standard error of the cubic's slope", 1e4 * error)
         report.row("1e4 times the slope by linear theory", 1e4 * _linear_slope(case))
         apart = abs(found.slope - slope) / np.hypot(found.error, error)
         report.row(
@@ -44,8 +44,8 @@ def main(dx: float = 0.02, members: int = 5, workers: int = 1) -> None:
             bar="within two standard errors of the fit, same sign",
             passes=bool(apart < 2.0 and found.slope * slope > 0.0),
         )
-        report.row("1e4 times its standard error", 1e4 * found.error)
-        report.row("difference over the combined standard error", apart)
+        report.row("1e4 times the standard error of the ensemble's slope", 1e4 * found.error)
+        report.row("difference of the two slopes over their combined standard error", apart)
         report.picture(_picture(found, (OTHERS, y, fit)))
 
 

@@ -53,7 +53,9 @@ def main(dx: float = 0.01) -> None:
                     )
         report.row("largest scatter of xi from period to period", np.nanmax(study["xi_scatter"]))
         share = study["energy_hyperviscosity"] / study["energy_pto"]
-        report.row("loss by hyperviscosity over the absorbed energy, median", np.nanmedian(share), theory=0.0)
+        report.row(
+            "energy lost by hyperviscosity over the absorbed energy, median", np.nanmedian(share), theory=0.0
+        )
         report.picture(_picture(study["xi"], pressure, theory))
 
 

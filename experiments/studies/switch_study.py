@@ -5,9 +5,10 @@ The OWC is in a tank of 1.2 m and runs for one and a half wave periods. With a f
 the ghosts and particles that interact with a particle change abruptly when the particle passes the level of
 the tip. With a wall four spacings thick they hardly change.
 
-The parabola can only show an error that is larger than its own. Once the motion is chaotic, runs whose
-damping differs by a thousandth differ by several per cent. The scatter of the runs about the parabola is
-therefore reported, and the comparison is made before and after that time.
+The comparison can reveal only errors of the exact slope that are larger than the standard error of the
+parabola's slope. Once the motion is chaotic, the energies of runs whose dampings differ by a thousandth
+differ by several per cent. The scatter of the runs about the parabola is therefore reported, and the slopes
+are compared before and after the onset of chaos.
 """
 
 from __future__ import annotations
@@ -46,7 +47,9 @@ def main(dx: float = 0.02) -> None:
                     excess,
                     "%",
                 )
-                report.row(f"{until}: standard error of this difference", 100 * fit.error / fit.slope, "%")
+                report.row(
+                    f"{until}: standard error of the relative difference", 100 * fit.error / fit.slope, "%"
+                )
                 # the offsets are symmetric, so that the variance of the slope is scatter^2 / sum (K a)^2
                 scatter = fit.error * np.linalg.norm(K * offsets)
                 report.row(f"{until}: scatter of a run about the parabola", 100 * scatter / fit.value, "%")

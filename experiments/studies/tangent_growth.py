@@ -25,7 +25,7 @@ def main(dx: float = 0.02, t1: float = 4.0) -> None:
         for share in (0.1, 0.01):
             lost = np.flatnonzero(reach < share)
             report.row(
-                f"time from which a change of K_dm by {100 * share:g} % moves neighbours apart by dx/10",
+                f"change of K_dm by {100 * share:g} %: time until the relative shift of neighbours is dx/10",
                 t[lost[0]] if lost.size else t1,
                 "s",
             )

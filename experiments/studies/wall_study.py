@@ -26,7 +26,9 @@ def main(
     with Report(f"wall_study_{dx:g}", title, dx) as report:
         case = study_case(dx, 13.0)
         walls, periods = tuple(sorted(thickness or THICKNESS)), tuple(sorted(period or PERIODS))
-        xi, error, theory = over_periods(report, case, "device.wall_thickness", "k_s", walls, periods)
+        xi, error, theory = over_periods(
+            report, case, "device.wall_thickness", "wall thickness", walls, periods
+        )
         mean, expected = (float(np.nanmean(a[-1] - a[0])) for a in (xi, theory))
         # standard error of a mean of differences
         own = float(np.sqrt(np.nansum(error[0] ** 2 + error[-1] ** 2)) / len(periods))
@@ -39,4 +41,4 @@ def main(
             bar="below zero by two standard errors",
             passes=mean < -2.0 * own,
         )
-        report.row("standard error of this change", own)
+        report.row("standard error of the mean change of xi", own)

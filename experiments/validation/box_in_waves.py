@@ -3,8 +3,8 @@
 All values are taken over whole periods: for the computed motions over the settled periods at the end of the
 run, for the measured ones over the whole record, which has not quite settled
 (`experiments/reference/README.md`). The box drifts with the waves. Its drift is the slope of a straight line,
-fitted to the surge together with two harmonics. A line fitted to two periods without the harmonics could be
-off by half the amplitude of surge per period.
+fitted to the surge together with two harmonics. A line fitted to two periods without the harmonics could
+have an error of half the surge amplitude per period.
 
 The position of the gauge in the flume is not known, so the phase of the motions relative to the waves is not
 known either. The picture therefore shifts the computed motions, all by the same time, until a maximum of
@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import jaxsph as js
-from experiments.common import Report, of_paddle, reference, solved
+from experiments.common import BUDGET, Report, of_paddle, reference, solved
 from jaxsph import analysis
 from jaxsph.output.plot.style import BLUE, in_style
 
@@ -79,9 +79,7 @@ def main(dx: float = 0.01) -> None:
         report.row("measured wave height at the gauge", height, "m", theory=case.waves.H)
         report.row("reflection", results["reflection"])
         report.row("periods averaged", periods)
-        names = {"residual": "energy not accounted for", "projection": "lost in the projection"}
-        names["hyperviscosity"] = "lost by hyperviscosity"
-        for energy, words in names.items():
+        for energy, words in BUDGET.items():
             report.row(f"{words}, over the paddle's work", of_paddle(results, energy), "%")
         report.picture(_motions(here, flume, T))
 

@@ -40,7 +40,8 @@ def main(dx: float = 0.02) -> None:
             off = np.interp(velocity[now, 0], since, u[:, k]) - velocity[now, 1]
             rms = float(np.sqrt(np.mean(off**2)))
             report.row(
-                f"velocity at x = {point[0]:g} m, {COMPARED[0]:g} to {COMPARED[1]:g} s: RMS error",
+                f"velocity at x = {point[0]:g} m, {COMPARED[0]:g} to {COMPARED[1]:g} s after the arrival of "
+                "the bore: RMS error",
                 rms,
                 "m/s",
                 bar="under 0.25 at dx = 0.01 m",

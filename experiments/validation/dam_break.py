@@ -214,7 +214,7 @@ def _front_rows(report: Report, label: str, front: Front) -> None:
     sources = measured()
     outside = float(np.max(found.outside))
     report.row(
-        f"{label}: largest distance of the front outside the shifted envelope",
+        f"{label}: largest distance of the front from the envelope of the shifted measurements",
         outside,
         "a",
         theory=0.0,

@@ -132,8 +132,8 @@ def _box(report: Report, ax, spacings: tuple[float, ...]) -> None:
         off = float(np.max(np.abs(-np.interp(t, series["time"], series["heave"]) - sunk))) / BOX
         finest = dx == min(spacings)
         report.row(
-            f"sinking box, dx = {dx:g} m: largest error of the depth, to {sunk[-1] / BOX:.1f} sides, "
-            "over a side",
+            f"sinking box, dx = {dx:g} m, to a depth of {sunk[-1] / BOX:.1f} sides: largest error of the "
+            "depth, over a side",
             100 * off,
             "%",
             bar="10 %" if finest else "",

@@ -11,19 +11,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import jaxsph as js
-from experiments.common import Report, of_paddle, solved
+from experiments.common import BUDGET, Report, of_paddle, solved
 from jaxsph.output.plot.style import BLUE, in_style
 
 DEVICES = ("box_moored", "buoy_heave", "raft", "flap_floating", "owc_floating")
 """Built-in cases with floating bodies."""
 ENERGIES = {"residual": 2.0, "projection": 5.0, "hyperviscosity": np.inf}
 """Terms of the energy balance, and the largest allowed magnitude of each, % of the paddle's work."""
-WORDS = {
-    "residual": "not accounted for",
-    "projection": "lost in the projection",
-    "hyperviscosity": "lost by hyperviscosity",
-}
-"""Names of these terms in the report."""
 AMPLITUDE = "linear_amplitude_"
 """Prefix of the names of results that are amplitudes by linear theory."""
 
@@ -66,7 +60,7 @@ def main(dx: float = 0.02) -> None:
                 share = of_paddle(results, energy)
                 bar = f"within {most:g} %" if np.isfinite(most) else ""
                 report.row(
-                    f"{name}: energy {WORDS[energy]}, over the paddle's work",
+                    f"{name}: {BUDGET[energy]}, over the paddle's work",
                     share,
                     "%",
                     bar=bar,

@@ -134,7 +134,7 @@ def _theory(report: Report) -> tuple[np.ndarray, np.ndarray]:
         report.row(check, 100 * off, "%", bar="2 %", passes=abs(off) < 0.02)
     off = CYLINDER.damping_of_the_waves(omega) / mine[1] - 1.0
     report.row(
-        "theory: damping, difference from that by the energy of the radiated waves",
+        "theory: damping, difference from the value by the energy flux of the radiated waves",
         100 * off,
         "%",
         bar="0.1 %",
@@ -142,7 +142,7 @@ def _theory(report: Report) -> tuple[np.ndarray, np.ndarray]:
     )
     off = release.added_mass_off_the_memory()
     report.row(
-        "theory: added mass, difference from that by the memory function",
+        "theory: added mass, largest difference from the value by the memory function",
         100 * off,
         "%",
         bar="0.1 %",

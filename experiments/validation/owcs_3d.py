@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import jaxsph as js
-from experiments.common import Report, of_paddle, solved
+from experiments.common import BUDGET, Report, of_paddle, solved
 from experiments.validation.floating_devices import ENERGIES
 from jaxsph.output.plot.style import in_style
 
@@ -32,9 +32,8 @@ def main(dx: float = 0.04) -> None:
             report.row(f"{name}: amplitude of the chamber's level", level, "m")
             for energy, most in ENERGIES.items():
                 share, bounded = of_paddle(results, energy), bool(np.isfinite(most))
-                words = "not accounted for" if energy == "residual" else f"lost to {energy}"
                 report.row(
-                    f"{name}: energy {words}, over the paddle's work",
+                    f"{name}: {BUDGET[energy]}, over the paddle's work",
                     share,
                     "%",
                     bar=f"within {most:g} %" if bounded else "",

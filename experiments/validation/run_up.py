@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from scipy.special import j0, j1
 
 import jaxsph as js
-from experiments.common import Report, of_paddle, solved
+from experiments.common import BUDGET, Report, of_paddle, solved
 from jaxsph.output.plot.style import BLUE, in_style
 
 DEPTH, SLOPE, FOOT, T = 0.3, 0.5, 5.0, 2.5
@@ -61,7 +61,7 @@ def main(dx: float = 0.02, H: float = 0.04) -> None:
         report.row("measured level on the slope in still water", 1e3 * still, "mm", theory=0.0)
         for energy in ("hyperviscosity", "projection", "residual"):
             share = of_paddle(results, energy, "whole_")
-            report.row(f"{energy}, over the paddle's work, whole run", share, "%", theory=0.0)
+            report.row(f"{BUDGET[energy]}, over the paddle's work, whole run", share, "%", theory=0.0)
         report.picture(_levels(series, still))
 
 

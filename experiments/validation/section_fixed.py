@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import jaxsph as js
-from experiments.common import Report, of_paddle, solved
+from experiments.common import BUDGET, Report, of_paddle, solved
 from experiments.fixed_section import diffraction
 from jaxsph.output.plot.style import BLUE, RED, in_style
 
@@ -70,7 +70,8 @@ def main(dx: float = 0.02) -> None:
             report.row(f"{label}: reflection", results["reflection"])
             report.row(f"{label}: periods averaged", results["periods"])
             for energy in ("hyperviscosity", "projection", "residual"):
-                report.row(f"{label}: {energy}, over the paddle's work", of_paddle(results, energy), "%")
+                what = f"{label}: {BUDGET[energy]}, over the paddle's work"
+                report.row(what, of_paddle(results, energy), "%")
             kept[label] = (t, force)
         report.picture(_forces(kept))
 

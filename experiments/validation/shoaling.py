@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import jaxsph as js
-from experiments.common import Report, of_paddle, solved
+from experiments.common import BUDGET, Report, of_paddle, solved
 from jaxsph.output.plot.style import BLUE, RED, in_style
 from jaxsph.waves import theory
 
@@ -48,7 +48,7 @@ def main(dx: float = 0.02, H: float = 0.04, T: float = 1.2) -> None:
     over = series["time"] > series["time"][-1] - results["periods"] * T + 1e-9
     heights = 2.0 * np.sqrt(2.0) * np.std(np.float64(series["eta"][over]), axis=0)
     incident = results["incident_height"]
-    with Report(f"shoaling_{dx:g}_{H:g}", "Shoaling of waves on a bed of 1:10", dx) as report:
+    with Report(f"shoaling_{dx:g}_{H:g}", "Shoaling of waves on a slope of 1:10", dx) as report:
         for x, height in zip(PLACES, heights[-len(PLACES) :], strict=True):
             depth = depth_at(x)
             expected = float(np.sqrt(_energy_speed(T, DEPTH, case.g) / _energy_speed(T, depth, case.g)))
@@ -63,7 +63,8 @@ def main(dx: float = 0.02, H: float = 0.04, T: float = 1.2) -> None:
         report.row("reflection", results["reflection"])
         report.row("periods averaged", results["periods"])
         for energy in ("hyperviscosity", "projection", "residual"):
-            report.row(f"{energy}, over the paddle's work", of_paddle(results, energy), "%", theory=0.0)
+            what = f"{BUDGET[energy]}, over the paddle's work"
+            report.row(what, of_paddle(results, energy), "%", theory=0.0)
         report.picture(_heights(case, heights, incident, T))
 
 

@@ -1,11 +1,11 @@
 """Sphere released in heave, in three dimensions: turning points against experiments and other codes.
 
 The sphere of Kramer et al. 2021 (Energies 14, 269; diameter 0.3 m) is half immersed at its equilibrium and is
-released a tenth of its diameter above it. The basin here is smaller than that of the experiments. Waves of
-the sphere's natural period return from the walls after the record has ended, but long waves reach the walls
-within a period, so that the mean level rises as the sphere sinks; this rise is reported. The four
-turning points are also compared with those that Reynolds-averaged Navier-Stokes codes found for a sphere of
-radius 5 m in the sphere task of IEA OES, scaled by Froude's law.
+released from a position a tenth of its diameter higher. The basin here is smaller than that of the
+experiments. Waves of the sphere's natural period return from the walls after the record has ended, but long
+waves reach the walls within a period, so that the mean level rises as the sphere sinks; this rise is
+reported. The four turning points are also compared with those that Reynolds-averaged Navier-Stokes codes
+found for a sphere of radius 5 m in the sphere task of IEA OES, scaled by Froude's law.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ MEASURED = {"first trough": (0.5105, -0.8535), "first peak": (None, 0.630)}
 """Turning points of the experiments: time from the release over `PERIOD` (-), height over that at the
 release (-)."""
 CODES = ((2.23, -0.8686), (4.45, 0.6368), (6.63, -0.4694), (8.81, 0.3490))
-"""Times (s) and heights (m) of the turning points of the sphere of 5 m, released 1 m above equilibrium."""
+"""Times (s) and heights (m) of the turning points of the sphere of radius 5 m, released 1 m above
+equilibrium."""
 SCALE = 5.0 / 0.15
 """Ratio of the two spheres' radii (-)."""
 BARS = {"first trough": 0.03, "first peak": 0.05}

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from scipy.integrate import cumulative_trapezoid
 
 import jaxsph as js
-from experiments.common import Report, of_paddle, solved
+from experiments.common import BUDGET, Report, of_paddle, solved
 from jaxsph.output.plot.style import BLUE, RED, in_style
 
 
@@ -27,14 +27,15 @@ def main(dx: float = 0.02) -> None:
             bar="2 %",
             passes=abs(ratio - 1.0) < 0.02,
         )
-        report.row("mean overtopping", 1e3 * results["overtopping_breakwater"], "l/s/m")
+        report.row("mean overtopping discharge", 1e3 * results["overtopping_breakwater"], "l/s/m")
         report.row("run-up", results["run_up_breakwater"], "m")
         report.row("reflection", results["reflection"])
         off = of_paddle(results, "residual", "whole_")
         share = "energy not accounted for, over the paddle's work"
         report.row(share, off, "%", theory=0.0, bar="within 2 %", passes=abs(off) < 2.0)
         for energy in ("hyperviscosity", "projection"):
-            report.row(f"{energy}, over the paddle's work", of_paddle(results, energy, "whole_"), "%")
+            what = f"{BUDGET[energy]}, over the paddle's work"
+            report.row(what, of_paddle(results, energy, "whole_"), "%")
         report.picture(_volumes(t, behind, passed))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import jaxsph as js
-from experiments.common import Report, of_paddle, solved
+from experiments.common import BUDGET, Report, of_paddle, solved
 from experiments.owc_tank import study_case
 from jaxsph.output.plot.style import BLUE, GREEN, ORANGE, in_style
 from jaxsph.output.run_file import RunFile
@@ -45,7 +45,11 @@ def _balance(report: Report, name: str, results: dict[str, float]) -> None:
         bar="within 2 %",
         passes=abs(off) < 2.0,
     )
-    report.row(f"{name}: hyperviscosity, over the paddle's work", of_paddle(results, "hyperviscosity"), "%")
+    report.row(
+        f"{name}: {BUDGET['hyperviscosity']}, over the paddle's work",
+        of_paddle(results, "hyperviscosity"),
+        "%",
+    )
 
 
 def _duct(report: Report, file: RunFile) -> None:
@@ -57,12 +61,17 @@ def _duct(report: Report, file: RunFile) -> None:
     expected = 0.5 * law.density * np.abs(flow) * flow / (law.discharge * law.area) ** 2
     largest = np.abs(drop).max()
     for label, off in (
-        ("largest difference of the duct's pressure drop from its law", expected - drop),
-        ("largest difference of the chambers' pressure difference from the drop", between - drop),
+        ("largest deviation of the duct's pressure drop from its law", expected - drop),
+        (
+            "largest deviation of the duct's pressure drop from the chambers' pressure difference",
+            between - drop,
+        ),
     ):
         share = 100 * np.abs(off).max() / largest
         report.row(f"{label}, over the largest drop", share, "%", bar="within 0.2 %", passes=share < 0.2)
-    report.row("lost in the duct, over the paddle's work", of_paddle(file.results(), "duct_cross"), "%")
+    report.row(
+        "energy lost in the duct, over the paddle's work", of_paddle(file.results(), "duct_cross"), "%"
+    )
 
 
 def plate_and_solid(dx: float) -> dict[str, js.Case]:
@@ -99,7 +108,9 @@ def _two_forms(report: Report, dx: float) -> None:
         report.row(f"{label}: scatter of the efficiency from period to period", results["xi_scatter"])
         report.row(f"{label}: pressure amplitude", found[label][1], "Pa")
         report.row(
-            f"{label}: hyperviscosity, over the paddle's work", of_paddle(results, "hyperviscosity"), "%"
+            f"{label}: {BUDGET['hyperviscosity']}, over the paddle's work",
+            of_paddle(results, "hyperviscosity"),
+            "%",
         )
     one, other = found["plate, dummies"], found["solid, dummies"]
     off = abs(one[0] - other[0])

@@ -1,7 +1,8 @@
 """Short waves radiated by a low standing wave where its surface meets the walls, by kind of wall.
 
-The wave is a quarter of a spacing high and stands between two walls. Any effect of the walls on the surface
-appears as modes that the wave does not have. A periodic tank shows which of these modes appear without walls.
+The wave has an amplitude of a quarter of a spacing and stands between two walls. Any effect of the walls on
+the surface appears as modes that the wave does not have. A periodic tank shows which of these modes appear
+without walls.
 """
 
 from __future__ import annotations

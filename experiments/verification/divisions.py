@@ -1,6 +1,6 @@
 """Vessels at rest, joined under a wall one spacing thick, with the three region divisions of section 2.4.1.2.
 
-Each division runs with `Background`, as a user would run it, and without `Background`, as in the paper. The
+Each division runs with `Background`, the default, and without `Background`, as in the paper. The
 vessels are 0.35 and 0.32 m wide, and the water is 0.8 m deep. The wall is 0.01 m thick and reaches 0.6 m into
 the water.
 """
@@ -54,7 +54,7 @@ def main(dx: float = 0.01, t1: float = 10.0) -> None:
         f"divisions_{dx:g}", f"Vessels at rest for {t1:g} s with three region divisions", dx
     ) as report:
         report.seconds = sum(run.seconds for run in found.values())
-        report.row("potential energy scale, rho g d^2/2 times the width", SCALE, "J/m")
+        report.row("potential energy relative to the bed, rho g d^2/2 times the width", SCALE, "J/m")
         for (division, background), run in found.items():
             _rows(report, division, background, run, t1)
         report.picture(_energies(found), "_energy")
@@ -153,7 +153,7 @@ def pressure_error(run: Found) -> float:
 
 
 def verdict(run: Found) -> str:
-    """Verdict on the run: "at rest" if the kinetic energy stays below `BAR` and does not grow after
+    """Verdict on the run: "at rest" if kinetic energy / `SCALE` stays below `BAR` and does not grow after
     settling.
 
     The settled energy is the mean over the second fifth of the run, the final energy the mean over its last
@@ -177,13 +177,13 @@ def _rows(report: Report, division: str, background: bool, run: Found, t1: float
     last = "failed" if run.ended else float(share[-1])
     barred = division == "b" and background
     report.row(
-        f"{label}: kinetic energy at {t1:g} s / scale",
+        f"{label}: kinetic energy at {t1:g} s over the potential energy",
         run.ended or last,
         theory=0.0,
         bar=f"< {BAR:g}" if barred else "",
         passes=(not run.ended and last < BAR) if barred else None,
     )
-    report.row(f"{label}: largest kinetic energy / scale", float(np.nanmax(share)))
+    report.row(f"{label}: largest kinetic energy over the potential energy", float(np.nanmax(share)))
     report.row(f"{label}: state of the water", verdict(run), theory="at rest", paper=PAPER[division])
     report.row(f"{label}: RMS pressure error / rho g d", 100 * pressure_error(run), "%", theory=0.0)
     report.row(f"{label}: largest speed at the end", float(run.max_speed[-1]), "m/s", theory=0.0)

@@ -57,7 +57,7 @@ def solids(dx: float) -> dict[str, Rest]:
     weight, push = RHO * G, 0.5 * RHO * G
     return {
         "bed": Rest(
-            "bed of 1:10",
+            "bed with a slope of 1:10",
             2.6,
             {"polygon": [(0.6, 0.0), (2.6, 0.2), (2.6, 0.0)]},
             (push * (DEPTH**2 - (DEPTH - 0.2) ** 2), -weight * (2.0 * DEPTH - 0.2)),

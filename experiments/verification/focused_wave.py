@@ -49,7 +49,9 @@ def main(dx: float = 0.02) -> None:
         off = abs(when - TIME) / TP
         report.row("time of the crest", when, "s", theory=when2, bar="3 % of a period", passes=off < 0.03)
         off = abs(top - top2) / (top2 - trough)
-        report.row("height of the crest", top, "m", theory=top2, bar="5 % of the height", passes=off < 0.05)
+        report.row(
+            "height of the crest", top, "m", theory=top2, bar="5 % of the wave height", passes=off < 0.05
+        )
         report.row("height of the crest by linear theory", CREST, "m")
         report.picture(_picture(t, eta, expected))
 

@@ -25,8 +25,8 @@ from experiments.verification.forced_bodies import coefficients
 from jaxsph.output.plot.style import BLUE, RED, in_style
 
 RHO, G, DEPTH, RADIUS, DRAUGHT, EDGE = 1000.0, 9.81, 0.4, 0.15, 0.1, 0.05
-"""Density (kg/m3), gravity (m/s2), depth, radius of both bodies, and draught and radius of the lower edge of
-the cylinder (m)."""
+"""Density (kg/m3), acceleration of gravity (m/s2), depth, radius of both bodies, and draught and radius of
+the lower edge of the cylinder (m)."""
 PERIODS = {0.7: 1.6, 0.85: 2.0}
 """Periods (s), and for each the length (m) of the tank, equal to its width."""
 AMPLITUDE = 0.01
@@ -129,7 +129,7 @@ def main(dx: float = 0.025, T: float = 0.7) -> None:
     """Runs both bodies with the period T (s), one of `PERIODS`."""
     if T not in PERIODS:
         raise ValueError(
-            f"T = {T:g} s must be {' or '.join(map(str, PERIODS))} s: the tanks are defined for these"
+            f"T = {T:g} s must be {' or '.join(map(str, PERIODS))} s: the tanks are defined for these periods"
         )
     title = f"Sphere and cylinder in forced heave, T = {T:g} s, 3-D: added mass and damping"
     with Report(f"forced_heave_{dx:g}_{T:g}", title, dx) as report:

@@ -7,7 +7,7 @@ two dimensions, incompressible.
 from __future__ import annotations
 
 import jaxsph as js
-from experiments.common import Report, of_paddle
+from experiments.common import BUDGET, Report, of_paddle
 from jaxsph.schemes.projection import RELAXATION
 
 RUNS = (
@@ -31,7 +31,10 @@ def main() -> None:
             results, label = run.results, f"dx = {dx:g} m, cfl = {cfl:g}, relaxation = {relaxation:g}"
             for name in ("projection", "hyperviscosity"):
                 report.row(
-                    f"{label}: {name}, over the paddle's work", of_paddle(results, name), "%", theory=0.0
+                    f"{label}: {BUDGET[name]}, over the paddle's work",
+                    of_paddle(results, name),
+                    "%",
+                    theory=0.0,
                 )
             report.row(f"{label}: incident height", results["incident_height"], "m", theory=case.waves.H)
             report.row(f"{label}: noise over speed", results["noise"], theory=0.0)

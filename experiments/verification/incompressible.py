@@ -1,7 +1,7 @@
 """The incompressible scheme against exact solutions: still water, a standing wave, a vortex.
 
-Each case is the same as for the weakly compressible scheme, with the same limits. Buchner's dam break is
-added.
+Each case is the same as for the weakly compressible scheme, with the same limits. In addition, a dam break is
+compared with Buchner's measurement in both schemes.
 """
 
 from __future__ import annotations
@@ -95,8 +95,8 @@ class _Impact(NamedTuple):
 def _impact(name: str, layers: int, changes: dict) -> _Impact:
     """Runs the dam break beyond its pressure plateau; the incompressible scheme has dummy walls."""
     scale = np.sqrt(dam_break.G / dam_break.BUCHNER)
-    # The tolerance is relative to the sources of all particles, which are far larger where the water falls
-    # than at the wall; it is therefore a tenth of the default.
+    # The tolerance of the pressure solver is relative to the right-hand sides of all particles, which are far
+    # larger where the water falls than at the wall. A tenth of the default tolerance is therefore used.
     changes = changes | ({"tank.walls": "dummy", "scheme.tolerance": 3e-4} if changes else {})
     case = dam_break.impact_case(layers).replace(
         # single drops of the jet up the wall rise above the rim, and may leave the tank
@@ -132,11 +132,19 @@ def _impact_rows(report: Report, name: str, layers: list[int], changes: dict) ->
         "the same: arrival of the pressure at the disc, t sqrt(g/H)", mean.arrival, paper=there.arrival
     )
     report.row("the same: plateau of the disc's pressure, p/(rho g H)", mean.plateau, paper=there.plateau)
-    report.row("the same: its standard deviation between the runs", scatter.plateau)
+    report.row(
+        "the same: plateau of the disc's pressure, standard deviation between the runs", scatter.plateau
+    )
     report.row("the same: RMS deviation from Buchner's measurement", mean.rms, "rho g H")
-    report.row("the same: its standard deviation between the runs", scatter.rms, "rho g H")
+    report.row(
+        "the same: RMS deviation from Buchner's measurement, standard deviation between the runs",
+        scatter.rms,
+        "rho g H",
+    )
     report.row("the same: noise of the plateau", mean.noise, "rho g H")
-    report.row("the same: its standard deviation between the runs", scatter.noise, "rho g H")
+    report.row(
+        "the same: noise of the plateau, standard deviation between the runs", scatter.noise, "rho g H"
+    )
     report.row("the same: wall time per simulated second", mean.seconds, "s")
 
 
@@ -155,8 +163,8 @@ def _divergence(solution: js.Solution) -> float:
 def vortex_run(n: int, t1: float = 1.0) -> js.Solution:
     """The vortex of `taylor_green` with n by n particles.
 
-    With half of this shifting strength the particles are less ordered, and the decay rate of the energy is
-    5.7 % off instead of 3.1 %; with twice the strength it is 3.2 % off.
+    With half of this shifting strength the particles are less ordered, and the decay rate of the energy
+    deviates from theory by 5.7 % instead of 3.1 %; with twice the strength it deviates by 3.2 %.
     """
     box = js.Box((0.0, 0.0), (1.0, 1.0), sides=("periodic", "periodic"))
     scheme = ISPH.of(
@@ -174,6 +182,6 @@ def vortex_run(n: int, t1: float = 1.0) -> js.Solution:
     u, p = taylor_green.exact(x, 0.0)
     sample = taylor_green.SAMPLE
     given = dict(scheme=scheme, walls=walls, dx=1.0 / n, sample_dt=sample, p=p)
-    # the scheme is of first order in time: with steps of 3.6 ms the energy's rate is 5 % off
+    # the scheme is of first order in time: with steps of 3.6 ms the energy's decay rate deviates by 5 %
     model, state = js.assemble(x, u, **given, speed=1.3 * taylor_green.U, skin=0.6, dt_most=2.0e-3)
     return js.march(model, state, t1, sample, (js.EnergyProbe.over(model, state, jnp.float32(sample)),))

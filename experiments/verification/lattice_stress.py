@@ -30,8 +30,12 @@ def main() -> None:
                     found = lattice_stress(kernel, h, dim, lattice)
                     what = f"{names[dim]}, {label}"
                     report.row(f"{what}: neighbours", found.neighbours)
-                    report.row(f"{what}: pure strain to 0.25, largest", found.strained, theory=0.0)
-                    report.row(f"{what}: random distortions of 0.12, RMS", found.distorted, theory=0.0)
+                    report.row(
+                        f"{what}: largest stress in pure strain up to 0.25", found.strained, theory=0.0
+                    )
+                    report.row(
+                        f"{what}: RMS stress in random distortions of 0.12", found.distorted, theory=0.0
+                    )
                     if lattice == "cubic":
                         report.row(
                             f"{what}: smoothing length of the Gaussian with the same second moment",
@@ -43,10 +47,11 @@ def main() -> None:
             of_old = lattice_stress(*BEFORE[dim], dim)
             for label, kernel in (("semicircle", SEMICIRCLE[dim]), ("polynomial", POLYNOMIAL[dim])):
                 chosen = lattice_stress(kernel, usual_length(kernel, dim), dim)
-                for name in ("strained", "distorted"):
+                for name, words in (("strained", "pure strain"), ("distorted", "random distortions")):
                     ratio = getattr(chosen, name) / getattr(of_old, name)
+                    before = type(BEFORE[dim][0]).__name__
                     report.row(
-                        f"{dim}-D: {label} over {type(BEFORE[dim][0]).__name__}, {name}",
+                        f"{dim}-D: stress in {words}, {label} over {before}",
                         ratio,
                         bar=f"< {BAR[dim]:g}",
                         passes=ratio < BAR[dim],
@@ -59,17 +64,17 @@ def kernels(dim: int) -> list[tuple[str, AbstractKernel, float]]:
     """Kernels with names and smoothing lengths divided by dx."""
     semicircle, polynomial = SEMICIRCLE[dim], POLYNOMIAL[dim]
     return [
-        ("Gaussian h = 1.2 dx to 4.2 dx", Gaussian(), 1.2),
-        ("Gaussian h = dx to 3.5 dx", Gaussian(), 1.0),
-        ("Wendland C2 to 3 dx", WendlandC2(), 1.5),
-        ("Wendland C2 to 4 dx", WendlandC2(), 2.0),
+        ("Gaussian, h = 1.2 dx, support 4.2 dx", Gaussian(), 1.2),
+        ("Gaussian, h = dx, support 3.5 dx", Gaussian(), 1.0),
+        ("Wendland C2, support 3 dx", WendlandC2(), 1.5),
+        ("Wendland C2, support 4 dx", WendlandC2(), 2.0),
         (
-            f"semicircle beta = {semicircle.beta:g} to {SUPPORT[Semicircle][dim]:g} dx",
+            f"semicircle, beta = {semicircle.beta:g}, support {SUPPORT[Semicircle][dim]:g} dx",
             semicircle,
             usual_length(semicircle, dim),
         ),
         (
-            f"polynomial to {SUPPORT[Polynomial][dim]:g} dx",
+            f"polynomial, support {SUPPORT[Polynomial][dim]:g} dx",
             polynomial,
             usual_length(polynomial, dim),
         ),

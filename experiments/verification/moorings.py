@@ -223,7 +223,7 @@ def slopes() -> float:
         exact, steps = jax.jit(jax.grad(tension))(at), np.diag(1e-5 * np.asarray(at))
         found = jax.jit(jax.vmap(tension))(jnp.concatenate([at + steps, at - steps]))
         apart = (found[:3] - found[3:]) / (2e-5 * np.asarray(at))
-        # where a slope is small or zero, the error is relative to the tension divided by the parameter
+        # where a slope is zero, the error is relative to 0.01 times the tension divided by the parameter
         scale = np.abs(apart) + 0.01 * float(tension(at)) / np.asarray(at)
         worst = max(worst, float(np.max(np.abs(exact - apart) / scale)))
     return worst

@@ -152,7 +152,7 @@ def main(n: int = 50, t1: float = 9.5, c0: float = 15.0) -> None:
         report.row("period", found, "s", theory=PERIOD, bar="within 1 %", passes=off < 0.01)
         # the lattice loses its order in the first half period, which only shifts the phase
         late = period(good, skip=2)
-        report.row("period, without the first", late, "s", theory=PERIOD)
+        report.row("mean period after the first period", late, "s", theory=PERIOD)
         lead = len(crossings(good)) // 2 * PERIOD - crossings(good)[len(crossings(good)) // 2 * 2]
         report.row("phase lead at the end of the last whole period", 1e3 * lead, "ms", theory=0.0)
         report.row("A at the end", good["axes"][-1, 0], "m", theory=float(last[1][0]))
@@ -162,7 +162,12 @@ def main(n: int = 50, t1: float = 9.5, c0: float = 15.0) -> None:
         report.row("pressure at the centre: RMS error over the initial pressure", 100 * rms, "%", theory=0.0)
         report.row("energy lost over the initial kinetic energy", -100 * energy_drift(good), "%", theory=0.0)
         diffused = np.sum(good["loss_diffusive"]) * SAMPLE / good["kinetic"][0]
-        report.row("part lost by the density diffusion", 100 * diffused, "%", theory=0.0)
+        report.row(
+            "energy lost by the density diffusion over the initial kinetic energy",
+            100 * diffused,
+            "%",
+            theory=0.0,
+        )
         for m, run in runs.items():
             report.row(f"RMS error of the semi-axes / R, R = {m} dx", 100 * axes_error(run), "%", theory=0.0)
         report.picture(_picture(good))

@@ -10,14 +10,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import jaxsph as js
-from experiments.common import Report, of_paddle, solved
+from experiments.common import BUDGET, Report, of_paddle, solved
 
 ACROSS = 5
 """Width of the flume, in spacings."""
 RESISTANCE = 5000.0
 """Resistance of the turbine times the width of the flume, Pa s/m2."""
 FRONT, BACK, LENGTH, TIP, TOP = 2.74, 2.8, 3.0, 0.22, 0.6
-"""First and last x of the front wall, length of the tank, and levels of the wall's ends, m."""
+"""First and last x of the front wall, length of the tank, and levels of its lower and upper end, m."""
 
 
 def case_of(dx: float, dim: int) -> js.Case:
@@ -58,7 +58,9 @@ def main(dx: float = 0.02) -> None:
             report.against(words, found[3][key], found[2][key], unit, bar=0.05)
         for dim, one in found.items():
             for key in ("residual", "projection", "hyperviscosity"):
-                report.row(f"{dim}-D: {key}, over the paddle's work", of_paddle(one, key, "whole_"), "%")
+                report.row(
+                    f"{dim}-D: {BUDGET[key]}, over the paddle's work", of_paddle(one, key, "whole_"), "%"
+                )
         report.picture(_picture(records))
 
 

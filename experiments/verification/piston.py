@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import jaxsph as js
-from experiments.common import Report, of_paddle
+from experiments.common import BUDGET, Report, of_paddle
 from jaxsph import analysis
 from jaxsph.waves import theory
 
@@ -39,7 +39,7 @@ def main(layers: int = 20, T: float = 1.0, strokes: int = 3) -> None:
             report.row(f"{where}: spread of this ratio along the tank", np.std(first) / height, theory=0.0)
             report.row(f"{where}: second harmonic, mean along the tank", np.mean(second) / height)
             lost = of_paddle(run.results, "hyperviscosity")
-            report.row(f"{where}: hyperviscosity, over the paddle's work", lost, "%", theory=0.0)
+            report.row(f"{where}: {BUDGET['hyperviscosity']}, over the paddle's work", lost, "%", theory=0.0)
         slope, limit = np.polyfit(np.square(steepness), ratios, 1)
         off = abs(limit - 1)
         report.row("change of the ratio with the steepness squared", slope)

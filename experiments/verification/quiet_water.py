@@ -42,7 +42,7 @@ def main(
     if weakly_compressible:
         by_diffusion(dx, amplitude, t1)
         return
-    title = f"Standing wave with an amplitude of {amplitude:g} m by kernel, incompressible"
+    title = f"Standing wave with an amplitude of {amplitude:g} m for {t1:g} s, by kernel, incompressible"
     dims = (2,) if flat else (2, 3)
     name = f"quiet_water_{dx:g}" if t1 == USUAL else f"quiet_water_{dx:g}_{t1:g}"
     with Report(name, title, dx) as report:
@@ -52,7 +52,7 @@ def main(
                 run = solved(dx, amplitude, t1, dim, {"scheme.kernel": kernel})
                 measured = (decay(run), run.results["noise"], run.results["energy_hyperviscosity"])
                 units = ("1/s", "of the speed", "J/m" if dim == 2 else "J")
-                words = ("decay of the amplitude", "noise at the end", "lost by hyperviscosity")
+                words = ("decay of the amplitude", "noise at the end", "energy lost by hyperviscosity")
                 bars = (*BARS[dim][:2], BARS[dim][2] * t1 / USUAL)
                 for what, value, unit, bar in zip(words, measured, units, bars, strict=True):
                     chosen = NAMED[dim][kernel] == KERNEL[dim]
@@ -73,7 +73,9 @@ def main(
 
 def by_diffusion(dx: float, amplitude: float, t1: float) -> None:
     """Runs the wave in weakly compressible water, with two kernels and several diffusion coefficients."""
-    title = f"Standing wave with an amplitude of {amplitude:g} m by kernel and diffusion, weakly compressible"
+    title = (
+        f"Standing wave with an amplitude of {amplitude:g} m, by kernel and diffusion, weakly compressible"
+    )
     with Report(f"quiet_water_{dx:g}_weakly_compressible", title, dx) as report:
         for kernel in (BEFORE[2], "semicircle"):
             for delta in DIFFUSIONS:

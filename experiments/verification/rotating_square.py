@@ -1,10 +1,11 @@
 """A square patch of inviscid fluid in rigid rotation, with a free surface all around.
 
-The pressure is negative everywhere, so that the sum p_i + p_j attracts and clumps particles, and the patch
-stretches into arms (Colagrossi 2005). Initially, with m and n odd and 0 < x, y < L,
+The pressure is negative everywhere, so that the pair forces, proportional to p_i + p_j, attract particles and
+make them clump. The patch stretches into arms (Colagrossi 2005). Initially, with m and n odd and
+0 < x, y < L,
     p = -rho omega^2 L^2 sum 32 sin(m pi x/L) sin(n pi y/L)/(m n pi^2 ((m pi)^2 + (n pi)^2)).
-There is no closed solution at later times. Mass, momentum and angular momentum are conserved, and energy is
-conserved except for the dissipation of the scheme.
+There is no closed-form solution at later times. Mass, momentum and angular momentum are conserved, and energy
+is conserved except for the dissipation of the scheme.
 """
 
 from __future__ import annotations
@@ -112,8 +113,8 @@ def main(n: int = 60, t1: float = 4.0) -> None:
         for label, run in shown.items():
             energy, spin = drift(run)
             row = report.row
-            row(f"{label}: energy lost", -100 * energy, "%", theory=0.0)
-            row(f"{label}: change of the angular momentum", 100 * spin, "%", theory=0.0)
+            row(f"{label}: energy lost over the initial energy", -100 * energy, "%", theory=0.0)
+            row(f"{label}: relative change of the angular momentum", 100 * spin, "%", theory=0.0)
             row(f"{label}: particles with fewer than half their neighbours", 100 * voids(run), "%")
             row(f"{label}: largest speed / (omega L)", np.max(run["max_speed"]) / (OMEGA * L))
         report.picture(_picture(shown))

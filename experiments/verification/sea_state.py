@@ -66,7 +66,9 @@ def main(dx: float = 0.02) -> None:
         there = np.interp(series["time"], t, asked)
         later = series["time"] > 12.0
         same = float(np.corrcoef(there[later], series["eta"][later, 0])[0, 1])
-        report.row("recorded series: correlation", same, bar="0.97", passes=same > 0.97)
+        report.row(
+            "recorded series: correlation with the specified elevation", same, bar="0.97", passes=same > 0.97
+        )
         ratio = float(np.std(series["eta"][later, 0]) / np.std(there[later]))
         report.row("recorded series: standard deviation over the specified value", ratio)
         report.picture(

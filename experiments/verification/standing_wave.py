@@ -2,7 +2,7 @@
 
 With free-slip walls and a viscosity nu the flow stays irrotational except in a layer at the surface. For a
 thin layer the amplitude decays as exp(-2 nu k^2 t) (Lamb, section 348). Here k times the thickness of
-the layer is an eighth, which reduces the rate by 7 % (section 349).
+the layer is about an eighth, which reduces the rate by 7 % (section 349).
 
 The one-evaluation scheme (symplectic Euler at Courant 0.5) is the default because it is as accurate here as
 the paper's predictor-corrector (at 0.25), which costs four times as many evaluations.
@@ -62,14 +62,14 @@ def main(dx: float = 0.02, amplitude: float = 0.03, t1: float = 5.0, both: bool 
         for each, error in zip(spacings, errors, strict=True):
             label = f"period error minus (ka)²/8, dx = d/{DEPTH / each:.0f}"
             report.row(label, 100 * error, "%", theory=0.0)
-        # the error changes sign in between, so this order holds for these three spacings only
+        # the order of convergence over these three spacings
         report.row("order of convergence of the period", observed_order(spacings, np.abs(errors)))
         damped = solved(dx, amplitude, t1, {"fluid.nu": NU})
         rate, scheme = (fitted(run).decay_rate for run in (damped, runs[-1]))
         off = abs((rate - scheme) / DECAY - 1.0)
         report.row("decay of the amplitude without viscosity", scheme, "1/s", theory=0.0)
         report.row(f"decay with nu = {NU:g} m²/s", rate, "1/s", theory=DECAY)
-        # limit of 10 %: the viscous sum is up to 9 % off on a lattice (model.viscosity.PhysicalViscosity)
+        # limit of 10 %: on a lattice the viscous sum (`PhysicalViscosity`) has errors of up to 9 %
         report.row(
             f"decay with nu = {NU:g} m²/s minus decay without viscosity",
             rate - scheme,

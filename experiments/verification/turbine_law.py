@@ -54,7 +54,7 @@ def main(dx: float = 0.04, built_in: bool = False) -> None:
             law = pressure(np.float64(solution["flow_pto" if case.air is not None else "flow"]))
             free = P_a < 60.0 if case.pto.relief is not None else np.ones(len(P_a), bool)
             fitted = fit(P_a[free], law[free], case.pto.quadratic is not None)
-            obeyed(report, f"{name}: fitted over specified law", fitted)
+            obeyed(report, f"{name}: fitted ratio of the readings to the law", fitted)
     if built_in:
         in_the_tank(dx)
 
@@ -71,7 +71,11 @@ def in_the_tank(dx: float) -> None:
             P_a, flow = np.float64(series["P_a"]), np.float64(series["flow"])
             found, _ = results_until(case, series)
             label = f"K_dm = {K:g}"
-            obeyed(report, f"{label}: fitted over specified law", fit(P_a, quadratic(K)(flow), True))
+            obeyed(
+                report,
+                f"{label}: fitted ratio of the readings to the law",
+                fit(P_a, quadratic(K)(flow), True),
+            )
             report.row(f"{label}: xi", found["xi"])
             report.row(f"{label}: xi based on the measured incident power", found["xi_measured"])
             report.row(f"{label}: periods averaged", found["periods"])

@@ -53,4 +53,4 @@ def main(dx: float = 0.01, t1: float = 60.0, weakly_compressible: bool = False) 
         ):
             bar_text = f"within {100 * bar:g} %"
             report.row(check, 100 * share, "%", theory=0.0, bar=bar_text, passes=abs(share) < bar)
-        report.row("noise", results["noise"])
+        report.row("noise over speed", results["noise"])

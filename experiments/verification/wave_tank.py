@@ -75,6 +75,7 @@ def against_stokes(
     means, shown, k3 = [], [], float(theory.stokes3_wavenumber(H, T, d))
     for at in [at for at in PAPER if at < wavelengths - 1]:
         i = int(np.argmin(abs(x - at * wavelength)))
+        distance = f"{at:g} wavelength" + "s" * (at != 1.0)
         window = settled(t, x[i] / speed + front(x[i], T, d), T, case.waves.ramp_periods)
         record = t[window], eta[window, i]
         reference = np.asarray(theory.stokes2_elevation(x[i], t[window], H, T, d))
@@ -85,7 +86,7 @@ def against_stokes(
             for k, name in enumerate(("MAE_a", "MAE_p")):
                 bar = None if than or bars is None else bars[k]
                 report.row(
-                    f"{label}{name} at {at:g} wavelengths{than}",
+                    f"{label}{name} at {distance}{than}",
                     errors[k],
                     "%",
                     theory=0.0,
@@ -94,7 +95,7 @@ def against_stokes(
                     passes=None if bar is None else errors[k] < bar,
                 )
         means.append(np.mean(eta[window, i]))
-        shown.append((f"{label}{at:g} wavelengths", t, eta[:, i], t[window], reference))
+        shown.append((f"{label}{distance}", t, eta[:, i], t[window], reference))
     report.row(f"{label}mean level", 1e3 * np.mean(means), "mm")
     window = settled(t, x.max() / speed + front(x.max(), T, d), T, case.waves.ramp_periods)
     amplitude = np.array([analysis.fundamental(t[window], level, T) for level in eta[window].T])
@@ -130,8 +131,8 @@ def _picture(gauges: list[tuple]) -> Figure:
 def front(x: float, T: float, d: float) -> float:
     """Time (s) that the front of the waves, lengthened by dispersion, takes to pass the position x (m).
 
-    Frequencies travel at different speeds: after the distance x a sharp front lasts sqrt(2 pi x |dS/domega|),
-    with S the inverse of the group velocity.
+    Waves of different frequencies travel at different speeds: after the distance x a sharp front takes
+    sqrt(2 pi x |dS/domega|) to pass, with S the inverse of the group velocity.
     """
     slower, faster = (1.0 / float(theory.group_velocity(2 * np.pi / T * by, d)) for by in (0.99, 1.01))
     return float(np.sqrt(2 * np.pi * x * abs(faster - slower) / (0.02 * 2 * np.pi / T)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import jaxsph as js
-from experiments.common import Report, of_paddle, solved
+from experiments.common import BUDGET, Report, of_paddle, solved
 from experiments.verification.wave_tank import against_stokes
 from jaxsph.waves import theory
 
@@ -36,7 +36,7 @@ def main(dx: float = 0.025, width: float = 0.2) -> None:
                     share = of_paddle(results, name, before)
                     judged = deep and not before
                     report.row(
-                        f"{label}, {when}: {name}, over the paddle's work",
+                        f"{label}, {when}: {BUDGET[name]}, over the paddle's work",
                         share,
                         "%",
                         theory=0.0,

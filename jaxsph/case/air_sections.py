@@ -179,7 +179,7 @@ class ChamberSection(Section):
             raise ValueError("give exactly one of between (two walls) and body (a body with a hollow)")
         if self.between is not None and isinstance(self.at, tuple):
             raise ValueError(
-                f"at = {list(self.at)} is for a tank with a width, and between for a tank without width; "
+                f"at = {list(self.at)} is for a tank with a width, and between for a tank without a width; "
                 "remove one of the two keys"
             )
         if self.between is None and self.body is None and not inside:

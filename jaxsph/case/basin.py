@@ -155,5 +155,6 @@ def basin_notices(case: Sections) -> list[str]:
     if waves is None or not waves.oblique or waves.side_zones is not None:
         return []
     return [
-        f"{_key(waves)[1]}: the side walls reflect oblique waves; give waves.side_zones to let these pass"
+        f"{_key(waves)[1]}: the side walls reflect oblique waves; give waves.side_zones to let the oblique "
+        "waves pass"
     ]

@@ -41,8 +41,9 @@ SMOOTH = (
     *(f"link.{NAME}.{key}" for key in ("stiffness", "pretension", "damping", "quadratic", "friction")),
     *(f"mooring.{NAME}.{key}" for key in ("length", "axial_stiffness", "weight", "mass", "lines")),
 )
-"""Keys on which a model depends smoothly, for methods that differentiate through the time loop. Lengths
-except those of moorings are excluded, because a changed length changes the lattice."""
+"""Keys on which a model depends smoothly, for methods that differentiate through the time loop. The lengths
+of the tank, the device, the solids and the bodies are excluded, because a change of a length changes the
+lattice."""
 
 MEANT = ("missing", "greater_than_equal", "less_than_equal", "greater_than", "less_than")
 """Types of errors (value missing or out of range) whose messages include the meaning of the key."""
@@ -178,7 +179,7 @@ def inner(part: Any, key: str) -> Any:
 def _plain(value: Any, name: str = "case", depth: int = 0) -> Any:
     """Converts lists and arrays to tuples and NumPy scalars to Python numbers, as the sections require."""
     if depth > 10:
-        raise CaseError(f"{name}: lists or sections are nested too deep; use at most ten levels")
+        raise CaseError(f"{name}: lists or sections are nested too deeply; use at most ten levels")
     if isinstance(value, dict):
         for key in value:
             if not isinstance(key, str):

@@ -50,7 +50,7 @@ def read_columns(path: str | Path, units: dict[str, str], wanted: list[set[str]]
         values = [_number(cell) for cell in row]
         if len(row) != len(header) or not all(math.isfinite(value) for value in values):
             raise CaseError(
-                f"{place}: must have {len(header)} finite numbers, {', '.join(header)}, separated by commas"
+                f"{place}: must have {len(header)} finite numbers ({', '.join(header)}), separated by commas"
             )
         for name, value in zip(header, values, strict=True):
             found[name].append(value)
@@ -76,7 +76,7 @@ def read_bytes(path: Path, kind: str, remedy: str, most: int) -> bytes:
     except ValueError as error:  # an invalid file name
         raise CaseError(f"{str(path)!r} cannot be read: {error}") from None
     if len(data) > most:
-        raise CaseError(f"{path} is too large for a {kind}, which has at most {most:.0e} bytes")
+        raise CaseError(f"{path} is too large for a {kind}, which may have at most {most:.0e} bytes")
     return data
 
 

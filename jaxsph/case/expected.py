@@ -39,7 +39,10 @@ _SIDES = (
 _STEP = "the time step follows from `dx` and the expected speeds; `scheme.cfl` changes it"
 _END = "the end of a run is `t1`, s"
 _SPACING = "the spacing of the particles is `dx`, m"
-_LOADED = "the forces on the body and on every solid are always recorded, as `force_NAME` in the run file"
+_LOADED = (
+    "the water's forces on bodies and solids are always recorded in the run file, as `body_force` for the "
+    "section [body], `body_force_NAME` for [bodies.NAME] and `force_NAME` for [solid.NAME]"
+)
 _HEIGHT = "the height of regular waves, twice their amplitude, is `waves.H`, m; a sea has `waves.Hs`, m"
 _PERIOD = "regular waves have the period `waves.T`, s, and a sea its peak period `waves.Tp`"
 

@@ -184,6 +184,6 @@ def _parsed(path: Path, text: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         raise CaseError(f"{path} is not a TOML file: {error}") from None
     except RecursionError:
-        raise CaseError(f"{path}: lists or tables are nested too deep for a case") from None
+        raise CaseError(f"{path}: lists or tables are nested too deeply for a case") from None
     except ValueError as error:  # integers of thousands of digits
         raise CaseError(f"{path}: a value cannot be read: {error}") from None

@@ -177,8 +177,8 @@ class Geometry:
         if case.tank.column is None:
             if case.tank.layer is not None:
                 raise CaseError(
-                    f"tank.layer = {case.tank.layer:g} m wets the bed beside a released column: give "
-                    "tank.column too, or remove tank.layer"
+                    f"tank.layer = {case.tank.layer:g} m is the depth of water beyond a released "
+                    "column: give tank.column too, or remove tank.layer"
                 )
             return
         asked = f"tank.column = {case.tank.column:g} m"

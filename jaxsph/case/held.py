@@ -64,7 +64,7 @@ class Forcing:
             if value is not None and not (value > 0.0 and math.isfinite(value)):
                 raise CaseError(f"{name} = {value}: must be a positive number, in m")
         if self.cycles < 2:
-            raise CaseError(f"cycles = {self.cycles}: must be 2 or more, because a spread needs two periods")
+            raise CaseError(f"cycles = {self.cycles}: must be 2 or more, to compute a standard deviation")
 
 
 def find_modes(

@@ -31,9 +31,9 @@ deep at dx = 0.04 m, with the kernels' default smoothing lengths (`python -m exp
 def at_rest(x: np.ndarray, level: float, dx: float, kernel: AbstractKernel) -> np.ndarray:
     """Positions `[N, D]` (m) of a lattice below `level` (m), moved to where incompressible water is at rest.
 
-    The surface truncates the kernel. The rows of particles near the surface are therefore at rest up to two
-    hundredths of a spacing off the lattice. With kernels that are not in `SURFACE_ROWS` the rows start on the
-    lattice; they then rise or sink, and the projection does work.
+    The surface truncates the kernel. The rows of particles near the surface are therefore in equilibrium up
+    to two hundredths of a spacing above or below the rows of the lattice. With kernels that are not in
+    `SURFACE_ROWS` the rows start on the lattice; they then rise or sink, and the projection does work.
     """
     rise = (*SURFACE_ROWS.get((type(kernel), x.shape[1]), ()), 0.0)
     moved = np.array(x)
@@ -79,10 +79,10 @@ def outside_body(away: np.ndarray) -> np.ndarray:
     """Mask `[N]` of the particles outside a body. `away` `[N]`: distances from the body's surface, in
     spacings, negative inside.
 
-    The particles inside fill the body's submerged volume, which is computed as the sum, over all cells, of
-    the fraction that the body covers. A threshold on the distance alone would lower or raise the surface if
-    the body cuts the lattice irregularly. Particles at equal distances, for example at two symmetric faces,
-    are treated alike.
+    The number of particles inside is chosen so that they have the body's submerged volume, which is the sum,
+    over all cells, of the part of the cell that the body covers. A threshold on the distance alone would
+    lower or raise the surface if the body cuts the lattice irregularly. Particles at equal distances, for
+    example at two symmetric faces, are treated alike.
     """
     away = np.round(away, 4)
     levels, count = np.unique(away, return_counts=True)

@@ -1,6 +1,6 @@
 """Limits of a case beyond the ranges of its keys: breaking waves, too many steps, too many particles.
 
-The checks use only the numbers of the case; no array is made before a case has passed them.
+The checks use only the numbers of the case; no particles are placed before a case has passed them.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def breaking_height(T: float, d: float, g: float) -> tuple[float, str]:
     if by_depth < by_steepness:
         return by_depth, f"{DEPTH_BREAKING:g} of the depth of {d:g} m, McCowan 1894"
     length = 2.0 * np.pi / k
-    return by_steepness, f"Miche's limit, {STEEPNESS_BREAKING:g} tanh(kd) of the wavelength of {length:.3g} m"
+    return by_steepness, f"Miche's limit, {STEEPNESS_BREAKING:g} tanh(kd) times the wavelength {length:.3g} m"
 
 
 def particle_counts(case: Sections, geometry: Geometry) -> tuple[int, int]:
@@ -217,8 +217,8 @@ def _check_waves(case: Sections, geometry: Geometry) -> None:
         for key, pto in case.ptos.items():
             if pto.phase is not None:
                 raise CaseError(
-                    f"{key}.phase = {list(pto.phase)} follows the phase of the waves, but the case has no "
-                    "waves: give [waves], or remove this key"
+                    f"{key}.phase = {list(pto.phase)}: the damping follows the phase of the waves, but the "
+                    "case has no waves; give [waves], or remove this key"
                 )
         return
     if case.g == 0.0:

@@ -77,7 +77,7 @@ def linear_sea(case: Sections) -> LinearSea:
     """
     if not sea_is_linear(case):
         if case.waves is not None and case.waves.kind == "regular":
-            raise CaseError('waves.kind = "regular": use linear_owc, because linear_sea is for other waves')
+            raise CaseError('waves.kind = "regular": use linear_owc; linear_sea covers other kinds of waves')
         raise CaseError(
             f"{_missing(case, seas=True)}: linear theory of a sea needs a device with a linear or quadratic "
             "turbine, over a flat bed"
@@ -113,7 +113,8 @@ def linear_check(case: Sections) -> list[tuple[str, str]]:
 
     For a chamber these are efficiency, pressure (Pa) and level (m); for bodies their motions (m, rad), the
     power (W/m) and the efficiency. If the theory does not cover the case, the list contains only the reason.
-    Otherwise the list is empty for a chamber in a sea, and for a case without waves, bodies or a turbine.
+    Otherwise the list is empty for a chamber in a sea, for a case without waves, and for a case with neither
+    a turbine nor a body with a free motion.
     """
     if has_free_bodies(case):
         return _bodies_check(case)
@@ -170,11 +171,11 @@ def _missing(case: Sections, seas: bool = False) -> str | None:
         if set(chamber.between or ()) != set(DEVICE_WALLS):
             return f"chamber.{name} is not between the plate of a device and the end wall"
     if case.device is None:
-        return "device is not given"
+        return "no device is given"
     if case.solid:
         return f"solid.{next(iter(case.solid))} is in the water"
     if case.waves is None:
-        return "waves is not given"
+        return "no waves are given"
     if not seas and case.waves.kind != "regular":
         return f'waves.kind = "{case.waves.kind}"'
     if not case.turbines:

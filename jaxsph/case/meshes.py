@@ -59,12 +59,12 @@ class Triangles(NamedTuple):
                 raise ValueError
         except (ValueError, IndexError, zlib.error, binascii.Error):
             raise ValueError(
-                "is not the packed surface of a mesh file; give the mesh file with the key file"
+                "is not the packed surface of a mesh file; name the mesh file in the key `file`"
             ) from None
         vertices = np.frombuffer(data[8 : ends[0]], "<f4").reshape(-1, 3).astype(float)
         faces = np.frombuffer(data[ends[0] :], "<u4").reshape(-1, 3).astype(int)
         if not len(faces) or faces.max() >= len(vertices) or not np.isfinite(vertices).all():
-            raise ValueError("is not the packed surface of a mesh file; give the mesh file with the key file")
+            raise ValueError("is not the packed surface of a mesh file; name the mesh file in the key `file`")
         return cls(vertices, faces)
 
 

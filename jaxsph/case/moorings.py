@@ -153,8 +153,8 @@ def _check_path(case: Sections, geometry: Geometry, name: str, section: MooringS
         depth = _depth_in(geometry, other, points)
         if depth > case.dx:
             raise CaseError(
-                f"mooring.{name}: the line at rest passes {depth:.3g} m deep through {other}; move the "
-                "anchor or the fairlead, or change the length"
+                f"mooring.{name}: the line at rest passes through {other}, up to {depth:.3g} m below its "
+                "surface; move the anchor or the fairlead, or change the length"
             )
 
 

@@ -89,8 +89,8 @@ def _wave_notices(case: Sections, waves: WavesSection, geometry: Geometry) -> li
         )
     if waves.kind == "recorded" and waves.left_out > 0.02:
         notes.append(
-            f"waves.{'X' if waves.eta is None else 'eta'}: {waves.left_out:.0%} of the variance is left out, "
-            "because these waves are too long or too short for the paddle, or too small"
+            f"waves.{'X' if waves.eta is None else 'eta'}: components with {waves.left_out:.0%} of the "
+            "variance are left out, because they are too long or too short for the paddle, or too small"
         )
     if waves.repeats is not None and case.t1 > waves.repeats:
         what = {"focused": "wave group", "recorded": "series"}.get(waves.kind, "sea")

@@ -154,10 +154,10 @@ def make_background(case: Sections, geometry: Geometry, leaf: Any) -> tuple[Back
     fall = case.waves.highest(geometry.depth, case.g) if case.waves is not None else 0.0
     fall = max([fall, *(abs(P_a) / (case.fluid.rho0 * case.g) for P_a in case.prescribed)])
     # These fractions were found by runs at rest and in waves. The background must end below the surface,
-    # because it would act as a false pressure there. If much more head is left in the pair sums, the flow at
-    # the tip becomes noisy; if no head is left, nothing keeps the particles in order. The gradients of a
-    # narrower zone disturb the particles. With a background over the whole tank the waves lost 40 % of their
-    # height.
+    # because it would act as a false pressure there. If the background leaves much more head in the pair
+    # sums, the flow at the tip becomes noisy; if it leaves no head, nothing keeps the particles in order. The
+    # steeper gradients of a narrower background disturb the particles. With a background over the whole tank
+    # the waves lost 40 % of their height.
     background = Background(
         x=leaf(plate.middle),
         inner=leaf(0.2 * draught),

@@ -98,9 +98,9 @@ class BlockSection(AbstractShapeSection):
         if common >= 0.25 * dx:
             fits = f"dx = {common / max(1, math.ceil(common / dx - 1e-9)):.4g} m fits all faces of the block"
         return [
-            f"{key}: the face at {faces[worst]:g} m misses the lattice of {dx:g} m by {off[worst]:.3g} m, "
-            "and particles next to this face are not half a spacing away, although the water's volume is "
-            f"right; {fits}"
+            f"{key}: the face at {faces[worst]:g} m is {off[worst]:.3g} m from the nearest plane midway "
+            f"between particles of the lattice (dx = {dx:g} m): the particles next to the face are not half "
+            f"a spacing from it, although the volume of the water is correct; {fits}"
         ]
 
 

@@ -169,7 +169,7 @@ class Resting:
                 if values[0] < -least:
                     raise ValueError(
                         "the bodies have no stable equilibrium near their positions at rest: lower their "
-                        "centres of mass, or hold them by links"
+                        "centres of mass, or hold the bodies with links"
                     )
                 return q, stiffness
             firm = values > least

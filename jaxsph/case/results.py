@@ -118,7 +118,7 @@ def _coast(case: Sections) -> tuple[Result, ...]:
         ),
         "run_up": (
             _run_up,
-            Label("run-up", "m", "highest level on the face above still water, mean over periods"),
+            Label("run-up", "m", "mean over the periods of the highest level on the face, above still water"),
         ),
     }
     found = []
@@ -171,8 +171,8 @@ def _share(case: Sections, share: float) -> dict[str, float]:
 
 
 def _power(case: Sections, record: Record) -> dict[str, float]:
-    """Incident power (W/m), and the absorbed fraction (in 3-D the capture width, m), averaged over the
-    window."""
+    """Incident power (W/m) and absorbed power (W; W/m in 2-D), averaged over the window, and their ratio (in
+    3-D the capture width, m)."""
     window, waves = record.window, given_waves(case)
     if not window.periods:
         return {}

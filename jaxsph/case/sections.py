@@ -72,8 +72,8 @@ class WeaklyCompressible(Section):
     """Time integrator: symplectic Euler, with one evaluation of the rates per step, or predictor-corrector,
     with two."""
     cfl: float | None = Field(None, ge=1e-6, le=1.5)
-    """Courant number: the time step divided by h/c0; by default 0.5 (symplectic) or 0.25
-    (predictor_corrector)."""
+    """Courant number: the time step divided by h/c0, where h is `h_over_dx` dx with every kernel; by default
+    0.5 (symplectic) or 0.25 (predictor_corrector)."""
 
     bytes_per_particle: ClassVar[dict[int, int]] = {2: 1000, 3: 2200}
     """Memory per particle of water or wall, bytes, by number of dimensions, from the growth of a run's peak
@@ -180,8 +180,8 @@ class Tank(Section):
     width: Length | None = None
     """Width of the tank, m; if given, the case is three-dimensional."""
     height: Length | None = None
-    """Height of the walls, m; by default high enough for waves and a body, or four depths with a released
-    column."""
+    """Height of the walls, m; by default high enough for waves, bodies and solids, or four depths with a
+    released column."""
     rim: Literal["closed", "open"] = "closed"
     """Upper edge of the walls: water that splashes over it ends the run (`closed`), or leaves the tank and is
     counted as `spilt` (`open`)."""
@@ -270,7 +270,7 @@ class Output(Section):
     sample_dt: Time = 0.01
     """Time between two samples (readings of all probes), s; at most t1."""
     snapshot_dt: Time = 0.2
-    """Time between two snapshots of all particles, s; rounded to a whole number of samples."""
+    """Time between two snapshots of all particles, s; rounded to a whole number of sampling intervals."""
     periods: int = Field(10, ge=1, le=10**6)
     """Largest number of whole wave periods (of bichromatic waves: wave groups) at the end of the run over
     which power and efficiency are averaged; a sea is averaged over one repetition."""

@@ -177,7 +177,7 @@ def inertia_of(section: BodySection, shape: AbstractShape, key: str) -> Inertia:
 
 
 def _about_centre(inertia: Any, shift: float, key: str) -> float:
-    """Moment of inertia (kg m) about the centre of mass: `inertia` about the pivot less `shift`."""
+    """Moment of inertia (kg m) about the centre of mass: `inertia` about the pivot minus `shift`."""
     if inertia <= shift:
         raise CaseError(
             f"{key}.inertia = {inertia:g}: the moment of inertia about the pivot must be more "
@@ -187,7 +187,7 @@ def _about_centre(inertia: Any, shift: float, key: str) -> float:
 
 
 def _tensor_about_centre(section: BodySection, shift: np.ndarray, key: str) -> np.ndarray:
-    """Inertia tensor (kg m2) about the centre of mass: the tensor about the pivot less `shift`."""
+    """Inertia tensor (kg m2) about the centre of mass: the tensor about the pivot minus `shift`."""
     given = section.inertia
     if isinstance(given, float | int):
         beyond = [one for one in section.free if one in ("roll", "yaw")]

@@ -58,7 +58,7 @@ def _speed_scale(case: Sections) -> float:
         return 0.1 * shallow
     if case.waves is None:
         pressure = max([0.0, *map(abs, case.prescribed)])
-        # a level suddenly pushed down by A = P/(rho g) moves at a speed of at most g A / omega ~ sqrt(P/rho)
+        # a level suddenly pushed down by A = P/(rho g) oscillates at a speed of about sqrt(g A) = sqrt(P/rho)
         return 0.05 * shallow + 0.5 * float(np.sqrt(2.0 * pressure / case.fluid.rho0))
     depth, T = case.tank.depth, case.waves.period
     k = wavenumber(T, depth, case.g)

@@ -27,7 +27,7 @@ class AbstractWavesSection(Section, abc.ABC):
     """Name of the key that sets the wave period."""
     least_length: ClassVar[int] = 40
     """Smallest allowed ratio of the wavelength to the particle spacing (-). A sea needs a larger ratio than
-    regular waves, because the sea contains waves of a seventh of the peak wavelength."""
+    regular waves, because in deep water its shortest waves have an eighth of the peak wavelength."""
 
     ramp_periods: float = Field(2.0, ge=0, le=1e4)
     """Number of periods over which the paddle's amplitude grows from zero."""

@@ -15,8 +15,8 @@ from jaxsph.case.wave_section import AbstractWavesSection, Height, Period, Waves
 from jaxsph.waves import second_order, spectra
 
 MOST_PERIODS = 500
-"""Largest repeat time of a sea, in peak periods. For such a sea, computing the second-order terms of all
-pairs of components takes half a minute."""
+"""Largest repeat time of a sea, in peak periods. With this repeat time, computing the second-order terms of
+all pairs of components takes half a minute."""
 MOST_WAVES = 600
 """Largest number of sinusoidal components of a recorded series that are kept: those of largest amplitude."""
 STEEPEST = float(np.radians(80.0))
@@ -81,7 +81,7 @@ class BichromaticWavesSection(AbstractWavesSection):
     def _two(self) -> BichromaticWavesSection:
         if abs(self.T[0] / self.T[1] - 1.0) < 1e-3:
             raise ValueError(
-                f"the two periods must differ by at least a thousandth, not T = {list(self.T)} s"
+                f"T = {list(self.T)} s: the two periods must differ by at least 0.1 %; change one of them"
             )
         return self
 
@@ -156,7 +156,7 @@ class IrregularWavesSection(_SpectralSection):
     """Time after which the sea repeats, s; by default 128 peak periods."""
     spreading: float | None = Field(None, ge=1, le=1000)
     """Exponent s of a directional sea, whose energy is spread about `direction` as cos^2s(theta/2) (-); by
-    default the sea is long-crested. The order of the directions follows from the seed."""
+    default the sea is long-crested. The seed also determines which component has which direction."""
 
     @model_validator(mode="after")
     def _whole(self) -> IrregularWavesSection:
@@ -247,8 +247,8 @@ class FocusedWavesSection(_SpectralSection):
 
     @property
     def height(self):
-        """See `AbstractWavesSection.height`: the significant height of a sea whose highest wave in a thousand
-        has this crest."""
+        """See `AbstractWavesSection.height`: the significant height of a sea in which the highest of a
+        thousand waves has this crest."""
         return 2.0 * self.crest / 1.86
 
     @property
@@ -301,19 +301,21 @@ class RecordedWavesSection(AbstractWavesSection):
             )
         if self.X is not None and self.x:
             raise ValueError(
-                f"x = {self.x:g} m is the position at which eta was recorded; remove x, or give eta instead "
-                "of X"
+                f"x = {self.x:g} m has no effect with X, because x is the position at which eta was "
+                "recorded; remove x, or give eta instead of X"
             )
         step = np.diff(t)
         usual = float(np.median(step))
         if not usual > 0.0:
-            raise ValueError("t must increase from one sample to the next, in s; sort or correct the times")
+            raise ValueError(
+                "the times t (s) must increase from one sample to the next; sort or correct them"
+            )
         if np.any(np.abs(step - usual) > 0.02 * usual):
             k = int(np.argmax(np.abs(step - usual)))
             raise ValueError(
                 f"t has a gap or a jump of {step[k]:g} s from t = {t[k]:g} s to the next sample, while "
-                f"samples are usually {usual:g} s apart; fill or resample the series, with evenly spaced "
-                "times in s"
+                f"samples are usually {usual:g} s apart; fill the gap, or resample the series at evenly "
+                "spaced times (s)"
             )
         if not np.std(values) > 0.0:
             raise ValueError("the series does not vary, and contains no waves; give a series of waves")
@@ -356,7 +358,7 @@ class RecordedWavesSection(AbstractWavesSection):
         """See `AbstractWavesSection.height`: four standard deviations of the elevation."""
         if self.eta is not None:
             return 4.0 * float(np.std(self.eta))
-        # 1.8: ratio of height to stroke on a depth of 0.37 wavelengths; the tank's depth is not known here
+        # 1.8: ratio of height to stroke in a depth of 0.37 wavelengths; the tank's depth is not known here
         return 4.0 * float(np.std(np.array(self.X))) * 1.8
 
     @property

@@ -21,12 +21,13 @@ round; usually two or three rounds suffice."""
 
 
 def least_stress(dim: int, support: float, lowest: int = 3, terms: int = 7) -> Polynomial:
-    """Polynomial kernel that keeps a lattice stable, with the least spurious stress on deformed lattices.
+    """Polynomial kernel with the least spurious stress among those that keep a lattice stable.
 
-    Spurious stress, slope and stiffness are linear in the shares of the powers of 1 - (r/R)^2. The shares
-    minimise the mean square of the spurious stress under random deformations plus the mean square under pure
-    strain. The minimisation has three constraints: the shares sum to one, the kernel decreases outwards,
-    and no transverse displacement wave has a negative stiffness (`LatticeStress`).
+    The lattice is square in two dimensions and cubic in three. Spurious stress, slope and stiffness are
+    linear in the shares of the powers of 1 - (r/R)^2. The shares minimise the mean square of the spurious
+    stress under random deformations plus the mean square under pure strain. The minimisation has three
+    constraints: the shares sum to one, the kernel decreases outwards, and no transverse displacement wave has
+    a negative stiffness (`LatticeStress`).
     **Arguments**: `dim`: number of dimensions; `support`: ratio of the support radius to the spacing;
     `lowest`: lowest power; `terms`: number of powers. **Raises** ValueError if no kernel meets the
     constraints.

@@ -49,9 +49,8 @@ class Gaussian(AbstractKernel):
     dimensions and by 2e-5 in three dimensions.
 
     The truncation leaves a step of exp(-reach^2) times W(0). Because of this step a lattice under pressure
-    resists deformation, which causes noise. A standing wave loses 1.9 % of its amplitude in a second if the
-    kernel is truncated at 3h, but only 0.1 % if the kernel is truncated at 3.5h
-    (`python -m experiments run standing_wave`).
+    resists deformation, which causes noise. With the truncation at 3.5h a standing wave loses 0.1 % of its
+    amplitude in a second (`python -m experiments run standing_wave`); with a truncation at 3h it lost 1.9 %.
     """
 
     width: ClassVar[float] = 1.0
@@ -96,9 +95,9 @@ class Semicircle(AbstractKernel):
 
     Source: Barnett, Magland and af Klinteberg (2019), SIAM J. Sci. Comput. 41, for the non-uniform Fourier
     transform. Beyond a given wavenumber the kernel's Fourier transform is nearly the smallest of all kernels
-    with the same support. With this kernel a particle lattice therefore resists deformation less than with
-    other kernels that have twice as many neighbours (`lattice.lattice_stress`). h is the smoothing length of
-    the Gaussian with the same second moment.
+    with the same support. With this kernel a square or cubic particle lattice therefore resists deformation
+    less than with other kernels that have twice as many neighbours (`lattice.lattice_stress`). h is the
+    smoothing length of the Gaussian with the same second moment.
 
     At the edge W is exp(-beta) times W(0), and the slope is infinite. Therefore W and its slope factor are
     constant within 5e-5 R of the edge.
@@ -147,8 +146,9 @@ class Polynomial(AbstractKernel):
     """Polynomial kernel, a sum of powers of 1 - (r/R)^2, with support R = `reach` h.
 
     The coefficients that `least_stress` finds depend on the number of dimensions. With these coefficients a
-    lattice of particles does not buckle under pressure, and resists deformation less than with other kernels
-    that have twice as many neighbours. h is the smoothing length of the Gaussian with the same second moment.
+    square or cubic lattice of particles does not buckle under pressure, and resists deformation less than
+    with other kernels that have twice as many neighbours. h is the smoothing length of the Gaussian with the
+    same second moment.
     """
 
     width: ClassVar[float] = 1.0

@@ -177,8 +177,9 @@ def surface_stiffness(
     The waves run along the surface with the wavenumber `k`, in radians per spacing. The stiffness is
     sum_j V (p_i + p_j) (1 - cos k x_j) d2W/dz2 divided by rho g dx. If all rows move alike, the stiffness
     times g/dx is the square of a row's angular frequency in still water. Far below the surface the stiffness
-    is `shear_stiffness` times twice the depth in spacings. Near the surface the first row is stiffer and the
-    second row less stiff, because the missing rows above the surface would have negative pressures.
+    is `shear_stiffness` times twice the depth in spacings. The stiffness of the first row is larger, and that
+    of the second row smaller, than this product, because the sum lacks the rows above the surface, where the
+    pressure p would be negative.
     """
     points = lattice_points("cubic", dim, kernel.reach * h_over_dx)
     near, curvature = _curvature(kernel, h_over_dx, points)

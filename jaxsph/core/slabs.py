@@ -3,10 +3,10 @@
 Every search sorts the particles along the first axis and cuts them into blocks of equal count, the slabs. The
 slabs are therefore always balanced, and a particle that leaves its slab belongs to another slab after the
 next search. Arrays of the water cover the whole tank and are split over the devices along the particles'
-axis. Operations on single particles, and sums over all particles, are written as for one device. Only a pair
-sum depends on the slabs. Every device computes the sum for the targets of its slab, and includes the
-particles at the near ends of the adjacent slabs (the halo). Every device stores all ghosts, because they are
-few.
+axis. Operations on every particle, and sums over all particles, are written as for one device. Only pair
+sums, and operations on selected particles (`Slabs.take`, `Slabs.add`), depend on the slabs. Every device
+computes a pair sum for the targets of its slab, and includes the particles at the near ends of the adjacent
+slabs (the halo). Every device stores all ghosts, because they are few.
 
 On one device there is one slab, and no halo.
 """

@@ -16,23 +16,23 @@ class Background(eqx.Module):
 
     The water on each side of a wall thinner than the kernel's support interacts with the water below the tip,
     but not with the water on the other side. After a small displacement of the particles, the sum of
-    (p_i + p_j) grad W then gives accelerations proportional to p that increase the displacement. In still
-    water, particles at the tip of a wall one spacing thick therefore accelerate without limit
-    (`python -m experiments run thin_wall`). The particles stay at rest if the wall is as thick as the
-    support. With (p_i - R_i) + (p_j - R_j) in the sum, and -grad R added, the gradient is the same to second
-    order, and the sum contains little pressure at the tip.
+    (p_i + p_j) grad W gives accelerations proportional to p that increase this displacement. Still water
+    0.56 m deep therefore starts to move at the tip of a wall one spacing thick, at up to 0.05 m/s. The water
+    stays nearly at rest with the background pressure (`python -m experiments run thin_wall`), or if the wall
+    is as thick as the support. With (p_i - R_i) + (p_j - R_j) in the sum, and -grad R added, the pressure
+    gradient is the same to second order in h, and the sum contains little pressure at the tip.
 
-    The pair forces stay antisymmetric, and the exchange with the compression energy stays exact. The energy
-    balance gains the term sum V R, which changes with the packing of the particles and is counted as
+    The pair forces stay antisymmetric, and the exchange of kinetic and compression energy stays exact. The
+    energy balance gains the term sum V R, which changes with the packing of the particles and is counted as
     compression energy.
     """
 
     x: Scalar
     """Position of the middle of the wall along the tank, m."""
     inner: Scalar
-    """Horizontal distance from the wall up to which R has its full value, m."""
+    """Horizontal distance from the middle of the wall up to which R has its full value, m."""
     outer: Scalar
-    """Horizontal distance from the wall beyond which R is zero, m."""
+    """Horizontal distance from the middle of the wall beyond which R is zero, m."""
     tip: Scalar
     """Level below which R has its full value, m."""
     top: Scalar

@@ -4,8 +4,8 @@ A step loops over tuples of parts. An empty tuple costs nothing, because these l
 the step. A part stores its evolving state in `state.parts` under its `name` and adds its energies to
 `state.ledger`. In two dimensions all quantities are per metre of width.
 
-The interfaces of scheme and chamber and the model refer to each other and therefore share this file. The
-interfaces of solids (`model.solids`) and of air and power take-offs (`model.air`) do not depend on this file.
+The interfaces of schemes and chambers and the class `Model` refer to each other, and therefore share this
+file. The interfaces of solids (`model.solids`) and of air and power take-offs (`model.air`) do not use it.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class AbstractScheme(eqx.Module):
         """Computing time of a step per water particle, s, on one core of a current CPU, accurate to
         50 % in most cases.
 
-        Ghosts add the share `AbstractFilling.effort` of this time.
+        Each ghost adds `AbstractFilling.effort` times this time.
 
         **Arguments**: `dx`: spacing, m; `dim`: number of dimensions.
         """

@@ -84,7 +84,7 @@ class Label(NamedTuple):
 
     text: str
     """Name of the result in words. If the name begins with spaces, the result is a part of the preceding
-    result, and a table omits the text up to a colon, for example "efficiency: "."""
+    result, and a table omits the text up to the last colon, for example "efficiency: "."""
     unit: str = ""
     """Unit, for example "W/m"; labels of the package's own results give the unit for two dimensions."""
     meaning: str = ""

@@ -200,7 +200,7 @@ class Mechanism(NamedTuple):
             slope = self._at(z + ahead * dt * slope_z, at_rates, movable).coasting
             return ((at_rates, slope), (sum_z + weight * at_rates, sum_rates + weight * slope)), None
 
-        # fourth-order Runge-Kutta conserves the energy of the free motion to rounding errors
+        # the energy error of the fourth-order method in free motion is below single-precision rounding errors
         none = jnp.zeros_like(z)
         stages = jnp.asarray(RUNGE_KUTTA, z.dtype)
         (_, (by_z, by_rates)), _ = jax.lax.scan(stage, ((none, none), (none, none)), stages)
@@ -246,7 +246,8 @@ class Mechanism(NamedTuple):
     def step(self, parts: Mapping[str, Any], t: Scalar, dt: Scalar, g: Float[Array, " D"]) -> FreeStep:
         """Bodies and links after a step of dt (s) from the time t (s), without water.
 
-        The step consists of a half drift, a kick by the forces and a half drift, as in a step of a scheme.
+        The bodies move without forces for half the step, the forces change the velocities (kick), and the
+        bodies move without forces for the other half, as in a step of a scheme.
         `parts`: states of bodies and links by name at the time t; `g`: gravity, m/s2.
         """
         middle = t + 0.5 * dt

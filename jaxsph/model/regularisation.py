@@ -34,8 +34,8 @@ __all__ = [
 HYPERVISCOSITY = 1.0
 """Default strength of the hyperviscosity, in units of sqrt(g/h) (-): see `Regularisation`.
 
-In the OWC case at dx = 0.02 m, half this strength leaves a sixth more noise in the water, and dissipates 11 %
-instead of 12 % of the paddle's work.
+In the OWC case at dx = 0.02 m, half this strength left a sixth more noise in the water, and dissipated 11 %
+instead of 12 % of the paddle's work (measured with an earlier version of the scheme).
 """
 
 SEPARATION = 3.0
@@ -68,7 +68,7 @@ class Regularised(NamedTuple):
     u: Float[Array, "N D"]
     """Velocities after the regularisation, m/s."""
     moved: Float[Array, "N D"]
-    """Displacements in addition to the drift, m."""
+    """Displacements in addition to those due to the velocities, m."""
     lost: dict[str, Scalar]
     """Energies that the water loses, by their names in the ledger, J (J/m in 2-D)."""
 

@@ -43,7 +43,10 @@ class AbstractSolid(eqx.Module):
 
     @abc.abstractmethod
     def contains(self, motion: Any, x: Float[Array, "N D"], dx: Scalar) -> Array:
-        """True for particles at x (m) that are inside the solid by more than a rounding error."""
+        """True for particles at x (m) that have entered the solid by more than half a spacing `dx` (m).
+
+        In a thin plate a smaller depth counts.
+        """
 
     def outline(self, far: float) -> np.ndarray:
         """Corners `[K, 2]` (x, z) (m) of the solid in drawings, at rest; empty by default.

@@ -149,8 +149,8 @@ class BEMIOFile(AbstractCoefficientFile):
     in two dimensions or were not requested. Added mass is divided by rho, damping by rho omega, excitation
     and stiffness by rho g. Motions oscillate as exp(i omega t). WEC-Sim takes moments about the centre of
     mass, so the coefficients are transformed from the pivot to the centre of mass. The added mass at infinite
-    frequency is NaN, and the impulse responses are left out, because a few periods do not determine them. A
-    simulation in regular waves does not need this added mass.
+    frequency is NaN, and the impulse responses are left out, because the coefficients at a few wave
+    periods do not determine them. A simulation in regular waves does not need this added mass.
     """
 
     def check(self, modes, bodies):

@@ -41,7 +41,7 @@ def read(path: str | Path) -> xarray.Dataset:
     run = RunFile.open(path)
     series, variables = run.series(), run.variables()
     if "time" not in series:
-        raise FileError(f"{path}: the run has no readings yet; read the file after its first chunk")
+        raise FileError(f"{path}: the run has no readings yet; read the file after the first snapshot")
     time = {"time": _variable(("time",), series.pop("time"), "s", "time")}
     places = {n: _variable((dim,), at, *words) for n, (dim, at, *words) in run.coordinates().items()}
     found = {}

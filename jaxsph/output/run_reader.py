@@ -59,8 +59,8 @@ class RunReader:
                 raise FileError(f"{path} is the file of a sweep; give the file of a run")
             if int(schema) > SCHEMA:
                 raise FileError(
-                    f"{path} has file layout {int(schema)}, of jaxsph {file.attrs['jaxsph_version']}; "
-                    f"this version reads layouts up to {SCHEMA}: install a newer jaxsph"
+                    f"{path} was written by jaxsph {file.attrs['jaxsph_version']} in layout {int(schema)}, "
+                    f"but this version reads layouts up to {SCHEMA}: install a newer jaxsph"
                 )
             run._own = owner_of(file)
         return run

@@ -80,7 +80,7 @@ class AbstractAirLaw(eqx.Module):
 
 
 class IncompressibleAir(AbstractAirLaw):
-    """Incompressible air. All air that the water displaces passes the power take-off or the ducts."""
+    """Incompressible air. All air that the water displaces flows through the power take-off or the ducts."""
 
     def start(self, dtype):
         """See `AbstractAirLaw`: there is no state."""

@@ -1,9 +1,9 @@
 """Elastic catenary in a vertical plane: forces at its ends, shape and energy, with exact derivatives.
 
-The end forces follow from one scalar equation whose left-hand side increases with its unknown. With the
-horizontal force H, and the vertical forces V at the upper and V - w L at the lower end, let V = H sinh(p + q)
-and V - w L = H sinh(p - q). The equations of the elastic catenary (Jonkman 2007) for the span l and the
-height h then become, with e = w L / (2 EA),
+The end forces follow from one scalar equation whose left-hand side increases with its unknown. The horizontal
+force is H, and the vertical forces are V at the upper end and V - w L at the lower end. The unknowns p and q
+are defined by V = H sinh(p + q) and V - w L = H sinh(p - q). The equations of the elastic catenary (Jonkman
+2007) for the span l and the height h then become, with e = w L / (2 EA),
 
     h / L = tanh(p) (1 + e coth(q)),    l / L = (q + e) / (cosh(p) sinh(q)),
 

@@ -1,7 +1,8 @@
 """Chamber of an oscillating water column, where air trapped above the water drives a power take-off.
 
 Signs: `P_a` is the gauge pressure of the chamber's air, positive when compressed; `q` is the volume flow of
-air out of the chamber, positive when the water column rises; the PTO absorbs the power P_a q.
+air out of the chamber, positive when the water column rises. The water does work on the air at the rate
+P_a q. The PTO and the ducts absorb this power, except for the part that compressible air stores.
 """
 
 from __future__ import annotations

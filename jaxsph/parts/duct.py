@@ -17,8 +17,8 @@ __all__ = ["Duct"]
 class Duct(AbstractDuct):
     """Duct between two chambers. The law of its power take-off relates the pressure drop to the flow.
 
-    The air in the duct has no volume. The energy absorbed in the duct is the energy that the air of one
-    chamber loses minus the energy that the air of the other chamber gains.
+    The volume of the air in the duct is neglected. The energy absorbed in the duct is the energy that the air
+    of one chamber loses minus the energy that the air of the other chamber gains.
     """
 
     between: tuple[str, str] = eqx.field(static=True)

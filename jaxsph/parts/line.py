@@ -2,8 +2,8 @@
 
 The equations are those of Hall and Goupee 2015: half of the mass, weight and forces of each segment is
 assigned to the node at each end. Each step of the water is divided into several short steps of the line. In
-each short step the nodes drift for half the step, the forces change the nodes' velocities, and the nodes
-drift for the other half. Drag and the damping of the bed are integrated implicitly.
+each short step the nodes move at constant velocities for half the step, the forces change these velocities,
+and the nodes move on for the other half. Drag and the damping of the bed are integrated implicitly.
 """
 
 from __future__ import annotations
@@ -26,10 +26,11 @@ __all__ = ["Bed", "LineMotion", "LumpedLine", "Morison"]
 SMALL_SPEED = 1e-6
 """Speed below which drag is linear, m/s; keeps the derivative of drag finite at rest."""
 LEAST_ACROSS = 1e-3
-"""Smallest ratio of horizontal force to weight of a chain at rest (-). With a smaller force the chain would
-hang straight down, and its height would not increase with the vertical force while a segment is upright."""
+"""Smallest ratio of horizontal force to weight of a chain at rest (-). With a smaller force all segments
+would be vertical. The height of the chain would then hardly depend on the vertical force, so that the
+vertical force could not be found from the height."""
 COURANT = 0.5
-"""Ratio of the line's time step to its largest stable time step (-)."""
+"""Largest ratio of the line's time step to its largest stable time step (-)."""
 
 
 class Morison(NamedTuple):
@@ -152,8 +153,8 @@ class LumpedLine(AbstractMooringLaw):
     def stable_step(self) -> float:
         """Largest stable step (s) of the line, from the stiffness and damping of its segments and the bed.
 
-        A step dt is stable for dt w < 2 (sqrt(1 + c^2) - c), with the largest frequency w of the chain of
-        masses and springs, and the damping ratio c at this frequency.
+        A step dt is stable for dt w < 2 (sqrt(1 + c^2) - c), with the largest angular frequency w of the
+        chain of masses and springs, and the damping ratio c at this frequency.
         """
         size, added = float(self.size), min(float(self.water.mass_along), float(self.water.mass_across))
         mass = (float(self.mass) + added) * size

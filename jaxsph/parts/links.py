@@ -276,7 +276,8 @@ class HydraulicTakeOff(AbstractLaw):
     def stored(self, own, s):
         """See `AbstractLaw`: the work of compressing the gas against p0."""
         squeezed, over = -jnp.log1p(-own / self.volume), self.gamma - 1.0
-        # the work divided by p0 V0 is (exp(over squeezed) - 1) / over; at constant temperature, squeezed
+        # work / (p0 V0) = (exp(over * squeezed) - 1) / over; at constant temperature over = 0, the limit is
+        # `squeezed`
         warm = jnp.where(over == 0.0, 1.0, over)
         work = jnp.where(over == 0.0, squeezed, jnp.expm1(warm * squeezed) / warm)
         return self.pressure * (self.volume * work - own) + 0.0 * s

@@ -2,7 +2,8 @@
 
 Signs: `P_a` is the gauge pressure of a chamber's air, positive when compressed; `q` is the volume flow of air
 out of the chamber, at the density of the ambient air, positive when the water column rises. The PTO absorbs
-the power P_a q, which for a turbine is never negative. In 2-D flows and powers are per metre of width.
+the power P_a q from incompressible air, and `head` times q from compressible air (`parts.air`). For a turbine
+this power is never negative. In 2-D flows and powers are per metre of width.
 
 A law is solved in closed form together with the response of water and air over the step, q = q_free -
 compliance P_a, and is therefore stable for any damping coefficient.

@@ -30,11 +30,11 @@ class FlowMotion(AbstractGivenMotion):
 class RelaxationZone(AbstractDamper):
     """Relaxation zone, in which the water's velocities are relaxed towards the velocities of given waves.
 
-    The rate falls smoothly from the near end to zero at the zone's end. Reflected waves are a deviation from
-    the given waves, and the zone damps them as a sponge does. The method follows Jacobsen, Fuhrman and
-    Fredsoe (2012) and Altomare et al. (2018), with two differences. Velocities are relaxed at a rate (1/s)
-    instead of with a fixed weight in every step, so that the result does not depend on the time step. The
-    wall behind the zone moves with the waves' mean flow.
+    The relaxation rate falls smoothly from the near end to zero at the zone's end. Reflected waves are a
+    deviation from the given waves, and the zone damps them as a sponge does. The method follows Jacobsen,
+    Fuhrman and Fredsoe (2012) and Altomare et al. (2018), with two differences. Velocities are relaxed at a
+    rate (1/s) instead of with a fixed weight in every step, so that the result does not depend on the time
+    step. The wall behind the zone moves with the waves' mean flow.
     """
 
     waves: AbstractWaves
@@ -75,8 +75,8 @@ class BasinZone(AbstractDamper):
 
     Waves that bodies radiate sideways are a deviation from the given waves, and are absorbed. The given waves
     pass along the zones undisturbed. The side walls do not move with the flow of the given waves, and would
-    reflect these waves; therefore the rate is highest at the walls. Where two zones overlap, the higher rate
-    applies.
+    reflect these waves; therefore the relaxation rate is highest at the walls. Where two zones overlap, the
+    higher rate applies.
     """
 
     field: AbstractWaveField

@@ -31,8 +31,8 @@ class AbstractSides(eqx.Module):
     def between(self, x: Components, before: Scalar | float, behind: Scalar) -> Array:
         """Mask of points x (m) between the walls.
 
-        The mask also includes points inside a wall: in two dimensions up to `before` (m) from the face of the
-        front wall, and otherwise up to `behind` (m) from the face of the wall.
+        The mask also includes points inside the walls: in the front wall of a two-dimensional chamber up to
+        `before` (m) from the face of the wall, and in all other walls up to `behind` (m) from the face.
         """
 
     @abc.abstractmethod

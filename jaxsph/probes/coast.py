@@ -48,7 +48,10 @@ class OvertoppingProbe(AbstractProbe):
 
     def describe(self):
         """See `AbstractProbe.describe`."""
-        behind = f"increase of the water behind the crest of the {self.solid}, per metre of crest"
+        behind = (
+            f"increase of the volume of water behind the crest of the {self.solid} since the start, per "
+            "metre of crest"
+        )
         return {
             f"overtopped_{self.solid}": Reading("m2", behind),
             f"overtopping_{self.solid}": Reading("m2 s-1", f"flow over the crest of the {self.solid}"),

@@ -151,7 +151,8 @@ class Problem:
         known = dict.fromkeys((*self.labels, "energy_pto"))
         if of != "energy_pto" and of in self.labels:
             raise CaseError(
-                f"of = {of!r}: one run gives the derivative of energy_pto only; use method=js.Ensemble()"
+                f"of = {of!r}: derivatives through the time loop are available for energy_pto only; use "
+                "method=js.Ensemble()"
             )
         if of != "energy_pto":
             raise CaseError(f"of = {of!r}: must be one of {', '.join(known)}")

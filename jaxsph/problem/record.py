@@ -28,7 +28,7 @@ class Window(NamedTuple):
     The first sample starts the window. Its power is a mean over the time before the window and is not used.
     """
     periods: int = 0
-    """Number of whole periods in the window; 0 if none has settled and the window is the whole record."""
+    """Number of whole periods in the window; 0 if the window is the whole record since the last change."""
     left_out: int = 0
     """Number of periods left out before the window, in which the waves had arrived but the record still had a
     trend."""
@@ -80,7 +80,7 @@ class AbstractAveraging(eqx.Module):
     """Choice of the part of a record over which means are taken."""
 
     def regular_wave(self) -> RegularWave | None:
-        """Regular waves whose whole periods make up the window; None for a sea or without waves."""
+        """Regular waves whose whole periods make up the window; None if there are no regular waves."""
         return None
 
     @abc.abstractmethod

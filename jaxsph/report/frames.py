@@ -38,7 +38,7 @@ class LocalFlow(NamedTuple):
     vorticity: np.ndarray
     """Vorticity normal to the picture, du/dz - dw/dx, 1/s, positive clockwise with x to the right."""
     noise: np.ndarray
-    """Difference between the particle's velocity and the fit, m/s."""
+    """Magnitude of the difference between the particle's velocity and the fit, m/s."""
 
 
 def local_flow(x: np.ndarray, u: np.ndarray, rows: np.ndarray | None = None) -> LocalFlow:

@@ -18,10 +18,14 @@ _DEVICE = {
         "  efficiency: standard error", "", "of the mean over a sea, from the fluctuations of the power"
     ),
     "xi_scatter": Label(
-        "  efficiency: scatter between periods", "", "standard deviation of the efficiency of each period"
+        "  efficiency: scatter between periods",
+        "",
+        "standard deviation of the efficiencies of single periods",
     ),
     "xi_measured": Label(
-        "  efficiency: from the measured incident power", "", "over the incident power at the gauges"
+        "  efficiency: from the measured incident power",
+        "",
+        "absorbed power over the incident power at the gauges",
     ),
     "capture_width": Label("capture width", "m", "absorbed power over incident power per metre of crest"),
     "P_owc": Label("absorbed power", "W/m", "mean power of all power take-offs of a case with a turbine"),
@@ -30,7 +34,7 @@ _DEVICE = {
 _WAVES = {
     "periods": Label("periods averaged", "", "number of whole periods at the end of the run"),
     "periods_left_out": Label(
-        "  earlier periods left out", "", "waves had arrived, but the record still had a trend"
+        "  earlier periods left out", "", "waves had arrived, but the means of the periods still had a trend"
     ),
     "P_inc": Label("incident power", "W/m", "of the target waves, by theory"),
     "E_inc": Label("energy of the group", "J/m", "of the target waves, by theory"),

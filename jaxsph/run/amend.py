@@ -53,15 +53,15 @@ REASONS = {
     "precision": "the checkpoint's arrays have the previous precision",
     "fluid.c0": "the pressure of the water is stored as a density, which depends on the speed of sound",
     "fluid": "the particles' masses and pressures depend on it",
-    "tank": "it moves the walls around the water",
+    "tank": "a change would move the walls around the water",
     "waves": "the paddle would jump",
     "air": "the air in the chamber depends on it",
     "chamber": "the energy that the chamber has exchanged depends on it",
     "duct": "the energy that the duct has exchanged depends on it",
-    "device": "it moves the walls around the water",
-    "solid": "it moves the walls around the water",
-    "body": "it changes the position or the mass of a body on which the water acts",
-    "bodies": "it changes the position or the mass of a body on which the water acts",
+    "device": "a change would move the walls around the water",
+    "solid": "a change would move the walls around the water",
+    "body": "a change would alter the position or the mass of a body on which the water acts",
+    "bodies": "a change would alter the position or the mass of a body on which the water acts",
     "link": "the energy that the link has stored depends on it",
     "mooring": "the energy that the mooring has stored depends on it",
     "probes": "the series in the file have the columns of the present probes",
@@ -175,8 +175,8 @@ def _check_laws(case: Case, new: Case) -> None:
             )
         if before[key].has_relief != after[key].has_relief:
             raise CaseError(
-                f"{key}.relief cannot be added or removed during a run, because the energy budget contains "
-                "it: start a new run with --set"
+                f"{key}.relief cannot be added or removed during a run, because the valve has an entry in "
+                "the energy budget: start a new run with --set"
             )
 
 

@@ -24,8 +24,9 @@ from jaxsph.run.processes import whole
 WORTHWHILE = 8000
 """Least number of particles per slab at which one more core of a CPU is worthwhile.
 
-With 4,100 particles, two cores are faster than one core by a factor of 1.05 (incompressible) or 1.3 (weakly
-compressible). With 16,400 particles the factors are 1.5 and 1.7 (`python -m experiments run bench_devices`).
+With 4,100 particles per core, two cores are faster than one core by a factor of 1.05 (incompressible) or 1.3
+(weakly compressible). With 16,400 particles per core the factors are 1.5 and 1.6
+(`python -m experiments run bench_devices`).
 """
 
 WORTH_SPARING = 0.1

@@ -20,7 +20,8 @@ class Duration(NamedTuple):
     """Wall time of a run, estimated from its first steps."""
 
     compilation: float
-    """Time until the first step, s; close to 0 once JAX has cached the compiled steps."""
+    """Time until the first step, model building included, s; shorter once JAX has cached the compiled
+    steps."""
     step: float
     """Wall time per time step, s."""
     steps: int

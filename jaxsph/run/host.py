@@ -1,4 +1,4 @@
-"""Host driver with `run`, `resume`, `restore` and `march`, which call the pure `simulate`.
+"""Host driver: `run`, `resume` and `march` call the pure `simulate`; `restore` reads a checkpoint.
 
 The driver advances in chunks. After each chunk it checks the status and records series, snapshot and
 checkpoint in one step. If a neighbour table overflowed, it is enlarged; if it went stale, it is rebuilt more

@@ -117,7 +117,7 @@ def _made(name: str, steps: Steps, tree: Any, avals: list[Any], static: tuple[in
         lowered = export.export(jax.jit(flat))(jax.ShapeDtypeStruct((), "int32"), *shapes)
         data = lowered.serialize()
     except (ImportError, NotImplementedError, ValueError):
-        return None  # an operation without a stable form
+        return None  # JAX cannot export one of the operations
     if not found["alike"]:
         return None
     with contextlib.suppress(OSError):  # the next run traces its steps again

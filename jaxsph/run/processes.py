@@ -91,8 +91,8 @@ class Processes:
     def hearing_of_losses(self, path: Any) -> Iterator[None]:
         """Context in which the loss of another process raises a SimulationError.
 
-        With two processes the error names the lost process; with more, it lists the processes among which
-        the lost one is.
+        With two processes the error names the lost process; with more, it lists all other processes, one of
+        which is lost.
 
         `path`: file of the run, which keeps the last checkpoint.
         """

@@ -25,9 +25,9 @@ def scene_of(problem: Problem) -> dict[str, Any]:
     """Box of the water, its walls, and the outlines of all solids in the x-z plane; lengths in m.
 
     Moving solids are drawn in their rest positions. Keys: `dx`; `low`, `high`: corners (x, z) of the box;
-    `walls`: whether the box has a left, a right and a bottom wall; `level`: still water level, None if the
-    model has none; `solids`: `name` (key of the pose in snapshots, empty for a fixed solid), `corners`,
-    `pivot`; `lines`: names of the links to draw, whose points are stored in the snapshots.
+    `walls`: whether the box has a left, a right and a bottom wall; `level`: still water level, None if it is
+    at the top of the box; `solids`: `name` (key of the pose in snapshots, empty for a fixed solid),
+    `corners`, `pivot`; `lines`: names of the links to draw, whose points are stored in the snapshots.
     """
     model = problem.model
     walls = model.walls

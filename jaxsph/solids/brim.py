@@ -59,7 +59,7 @@ class Full:
     def finer(self) -> Full:
         """Returns this water at half the spacing in 2-D, and unchanged in 3-D.
 
-        The finer lattice better resolves the cells next to an inclined wall that a water level cuts.
+        Next to an inclined wall, the finer lattice better resolves the volume of water below a given level.
         """
         return replace(self, side=0.5 * self.side) if len(self.box.low) == 2 else self
 

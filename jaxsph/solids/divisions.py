@@ -104,7 +104,8 @@ class DiagonalDivision(AbstractDivision):
 
 
 class FivePartDivision(AbstractDivision):
-    """Division (c) into water left and right of the plate, above and below its tip, and under the plate."""
+    """Division (c) into five regions: water left and water right of the plate, each divided at the level of
+    the tip, and water under the plate."""
 
     regions: ClassVar[tuple[str, ...]] = ("left", "right", "below", "below_left", "below_right")
     water: ClassVar[tuple[str, ...]] = (

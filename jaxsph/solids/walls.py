@@ -390,7 +390,7 @@ def _in_the_tank(
     """
     for platform in regions.platforms:
         yield platform_ghosts(box, platform, regions, dx, layers)
-        if imaged:  # images in these corners would mirror the platform's ghosts, which lie on a lattice
+        if imaged:  # an image in these corners would be that of a lattice ghost of the platform, not of water
             whole = cut_by_platform(box_ghosts(box, dx, layers), box, platform, regions, dx, layers)
             behind = (whole.x[:, 0] > platform.start) & (whole.x[:, -1] < platform.height)
             yield GhostSet(*(a[behind] for a in whole))
@@ -401,7 +401,7 @@ def _in_the_tank(
 def _seen_by_nodes(ghosts: GhostSet, regions: Regions) -> np.ndarray:
     """Bit mask, for each node, of the particles that the node uses.
 
-    Where the `node_sees` of a ghost is -1, this is the mask of the region that contains the node.
+    If the `node_sees` of a ghost is -1, its node uses the particles that the node's region sees.
     """
     _, sees = region_bits(regions, ghosts.node)
     plain = sees & ((1 << regions.count) - 1)

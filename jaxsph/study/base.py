@@ -19,7 +19,8 @@ from jaxsph.problem.source import Source
 
 @dataclass(frozen=True)
 class Derivative:
-    """Value of a result, its slope with respect to a parameter, and how far the slope can be trusted."""
+    """Value of a result, its slope with respect to a parameter, and the slope's error and range of
+    validity."""
 
     parameter: str
     of: str

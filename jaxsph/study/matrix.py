@@ -21,7 +21,7 @@ from jaxsph.errors import CaseError
 from jaxsph.study.sweep import MOST_MEMBERS, Sweep, sweep
 
 HOURS = 8766.0
-"""Hours in a year, averaged over leap years."""
+"""Number of hours in a mean year of 365.25 days."""
 
 
 @dataclass(frozen=True)

@@ -77,16 +77,17 @@ def sweep(
     batches, and on a cluster an executor distributes them.
 
     **Arguments**: `over`: values by dotted name, `{"pto.K_dm": [300, 500], "waves.H": [0.02, 0.04]}`, or by
-    argument of a function; geometry and `t1` can vary too; `grid`: whether to run every combination, or one
-    member for each position in lists of equal length; `out`: the file. A repeated call continues an
-    interrupted sweep from the checkpoints of its unfinished members in `<out>.members`. `workers`: number of
-    members at a time (by default one per core). `batch`: instead of `workers`, number of members in one
-    vmapped call in this process; only members with equal array shapes share a call. On a CPU a member
-    needs 1.3 times as much time in a batch as alone (`python -m experiments run bench_batch`), so batches are
-    the default on an accelerator only. `executor`: instead of `workers` and `batch`, any executor with the
-    interface of `concurrent.futures`, such as Dask's `client.get_executor(pure=False)`. Its workers must see
-    the folder of `out` and the file that defines a function. If a worker is lost, another worker continues
-    the member from the last checkpoint. The executor is not shut down.
+    argument of a function; geometry and `t1` can vary too; `grid`: whether to run every combination;
+    otherwise the n-th values of all lists, which must be equally long, form member n; `out`: the file. A
+    repeated call continues an interrupted sweep from the checkpoints of its unfinished members in
+    `<out>.members`. `workers`: number of members at a time (by default one per core). `batch`: instead of
+    `workers`, number of members in one vmapped call in this process; only members with equal array shapes
+    share a call. On a CPU a member needs 1.2 times as much time in a batch as alone (`python -m experiments
+    run bench_batch`), so batches are the default on an accelerator only. `executor`: instead of `workers` and
+    `batch`, any executor with the interface of `concurrent.futures`, such as Dask's
+    `client.get_executor(pure=False)`. Its workers must see the folder of `out` and the file that defines a
+    function. If a worker is lost, another worker continues the member from the last checkpoint. The executor
+    is not shut down.
     **Returns** all results. A failed member does not stop the others: see `Sweep.failures`.
     **Raises** CaseError if a member cannot be built or values are not numbers, before any member runs;
     FileError if `out`, or a member in `<out>.members`, belongs to another sweep, or if another process runs a

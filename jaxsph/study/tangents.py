@@ -118,8 +118,8 @@ class Exact(_ThroughLoop):
         if not reach > self.least * abs(value):  # also true for NaN
             raise DerivativeError(
                 f"the exact derivative with respect to {parameter} no longer describes the flow, because "
-                f"particle paths are chaotic: at t = {t:.2f} s it is valid only for changes below "
-                f"{reach:.1g}.\n"
+                f"particle paths are chaotic: at t = {t:.2f} s it is valid only for changes of the parameter "
+                f"below {reach:.1g}.\n"
                 "What to change: use an earlier t1, or method=js.Filtered() or js.Ensemble()"
             )
 
@@ -131,7 +131,7 @@ LOST = {"weakly_compressible": 0.7, "incompressible": 0.25}
 """Fraction of the water's response that the filter may remove, by scheme.
 
 The fraction was measured in the OWC at dx = 0.02 m with three dampings. It is 0.33 to 0.67 in the weakly
-compressible scheme, with artificial viscosity and over nine periods, and 0.10 to 0.15 in the incompressible
+compressible scheme, with artificial viscosity and over nine periods, and 0.10 to 0.17 in the incompressible
 scheme (`python -m experiments run filter_study`).
 """
 

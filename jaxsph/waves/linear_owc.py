@@ -2,7 +2,7 @@
 
 `waves.radiation` solves the potential flow and defines the symbols and signs: q = q_S - Z p, with the flow q
 of air out of the chamber per unit width and the gauge pressure p of the chamber. This module couples the
-water to a turbine and to the air in front of the turbine. The module uses numpy on the host in double
+water to the compressible air of the chamber and to a turbine. The module uses numpy on the host in double
 precision; no function is traced.
 
 Potential flow passes the lip of the front wall without loss; a real flow separates there. The loss can be

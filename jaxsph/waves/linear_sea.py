@@ -33,8 +33,9 @@ Real = NDArray[np.floating]
 _GAUSSIAN = np.sqrt(8.0 / np.pi)
 """Ratio of E|q|^3 to sigma_q^3 for a Gaussian flow (-)."""
 _NODES = 80
-"""Largest number of frequencies at which the water's equations are solved. Interpolation between them has an
-error of 1e-5 for frequencies from 0.5 to 2.8 times the peak frequency."""
+"""Largest number of frequencies at which the water's equations are solved. For the built-in OWC,
+interpolation between these frequencies changes the flow by up to 4e-4 of its maximum, and the efficiency in a
+sea by less than 1e-6."""
 _HARMONICS = 4
 """Ratio of the highest frequency kept in the turbine's pressure to the sea's highest frequency (-)."""
 

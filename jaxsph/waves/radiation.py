@@ -293,7 +293,7 @@ def _modes(ratio: float, Kh: float, length: float, order: float, functions: int)
     """Sums over the evanescent modes of the chamber and of the sea.
 
     The terms are [coth k_n b or 1] / (k_n h) times int v_m psi_n dz int v_m' psi_n dz; `length` is b / h. The
-    terms differ from the terms for K = 0 by a part that decays two orders faster. A few terms of this
+    terms differ from the terms for K = 0 by a part that decays two orders faster. A few hundred terms of this
     difference are therefore added to the full sum for K = 0, which does not depend on the frequency.
     """
     whole, F0 = _static(ratio, order, functions)

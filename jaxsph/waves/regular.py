@@ -162,7 +162,7 @@ class RegularWaves(AbstractWaves):
         t = real(t) - self.k * x / self.omega
         ramp = self.ramp_factor(t)
         first = 0.5 * self.H * jnp.sin(self.omega * t)
-        quarter = 0.25 * self.T  # shifts the second harmonic's cosine to a sine
+        quarter = 0.25 * self.T  # half of this delay turns the second harmonic's cosine into a sine
         second = 0.5 * self.correction.elevation(self, t - 0.5 * quarter)
         return (ramp * first + ramp**2 * second) / (self.k * self.d)
 

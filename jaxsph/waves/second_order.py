@@ -4,7 +4,7 @@ The module uses numpy on the host in double precision. Source: H. A. Schaeffer, 
 for irregular waves, Ocean Engineering 23 (1996) 47-88. The equations are solved here for a piston by
 projection on the free wave. Two first-order modes p and q (each progressive or evanescent, of the same wave
 or of two waves) force a bound wave of frequency Omega = omega_p + omega_q or omega_p - omega_q and wavenumber
-K. The bound wave and the first-order error of the condition at the displaced wall, X1 phi1_xx, would generate
+K. The bound wave, and the second-order term X1 phi1_xx of the condition at the displaced wall, would generate
 a free wave of that frequency. The second-order displacement generates the same free wave with opposite sign,
 so that no free wave remains.
 
@@ -33,12 +33,13 @@ MODES = 16
 """Number of evanescent modes of every wave.
 
 Because of the corner between the free surface and the piston, the sum over J modes converges only as 1/J.
-For T = 1.2 s and a depth of 0.5 m the error of 16 modes is 8 %. Extrapolation from the sums of 8 and 16 modes
-reduces the error to 0.1 %.
+For T = 1.2 s and a depth of 0.5 m the error of the second-order displacement with 16 modes is 7 %.
+Extrapolation from the sums of 8 and 16 modes reduces this error to 0.5 %.
 """
 MANY = 100
-"""Number of waves above which only half as many modes are used. In a sea of 160 waves the error is then
-0.3 %, and the sum takes a quarter of the time."""
+"""Number of waves above which only half as many modes are used. In a sea of 160 waves with a peak period of
+1.4 s, in water 0.5 m deep, the error of the second-order displacement is then 0.4 %, and the sum takes a
+quarter of the time."""
 
 
 class Harmonics(NamedTuple):

@@ -98,8 +98,8 @@ class AbstractSearch(eqx.Module):
         kind: Int[Array, " M"],
         same: bool,
     ) -> Table:
-        """Table of the sources within the radius of each target, at most `capacity` per target; positions in
-        m.
+        """Table of the sources within the search radius around each target, at most `capacity` per target;
+        positions in m.
 
         **Arguments**: `sees` and `kind` are bit masks, and a pair is listed if `sees[i] & kind[j]` is not
         zero; `same`: whether the first N sources are the targets; a particle is then not its own neighbour.

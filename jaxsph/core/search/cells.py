@@ -115,7 +115,7 @@ def search(
     kind: Int[Array, " M"],
     same: bool,
 ) -> Table:
-    """Table of the sources within the grid's radius of each target, at most `capacity` per target.
+    """Table of the sources within the search radius around each target, at most `capacity` per target.
 
     **Arguments**: positions in m; `sees` and `kind` are bit masks, and a pair is listed if
     `sees[i] & kind[j]` is not zero; `same`: whether the first N sources are the targets; a particle is then
@@ -131,7 +131,8 @@ def search(
 
     @one.def_vmap
     def _(lanes, batched, *arrays):
-        # one search over all lanes: with a search per lane, every line would wait for the fullest lane
+        # one search over all lanes: the batched form of a loop whose length differs from lane to lane would
+        # select between old and new slots in every iteration
         every = (
             a if b else jnp.broadcast_to(a, (lanes, *a.shape)) for a, b in zip(arrays, batched, strict=True)
         )

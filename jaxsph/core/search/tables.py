@@ -32,8 +32,8 @@ def sort_by_cell(slabs: Slabs, grid: Grid, particles: Any, x: Float[Array, "N D"
     """Particles (a pytree of arrays `[N]` or `[N, D]`) at x (m) in the order of their cells.
 
     On several devices, particles that have left a slab move to the adjacent slab and others take their place,
-    so that every slab keeps its number of particles. **Returns** also whether any particle moved farther than
-    a halo and was lost.
+    so that every slab keeps its number of particles. **Returns** also whether any particle moved past the
+    halo of its slab and was lost.
     """
     if slabs.count == 1:
         order = cell_order(x, grid)
@@ -191,7 +191,7 @@ def _in_slab(
 
 
 def beside(x: Float[Array, "M D"], points: Float[Array, "P D"], grid: Grid) -> Bool[Array, " P"]:
-    """Whether each of the points (m) is near enough to the particles at x (m) to see at least one particle.
+    """Whether each of the points (m) is near enough to the particles at x (m) that it may see one of them.
     Points at the walls of an empty part of a tank, for example, are not near enough."""
     full = jnp.zeros(int(np.prod(grid.shape)), bool).at[cell_key(x, grid)].set(True).reshape(grid.shape)
     for axis in range(len(grid.shape)):

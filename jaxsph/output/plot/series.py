@@ -71,7 +71,7 @@ def chamber(run: RunFile, linear: LinearOWC | None = None) -> Figure | None:
     power. The lines span the periods over which the efficiency was averaged, or else the last period.
     """
     panels = [
-        ("chamber_level", "level (m)", "mean level above still water, positive when risen", BLUE),
+        ("chamber_level", "level (m)", "mean level relative to still water, positive upwards", BLUE),
         ("flow", "flow", "air flow out of the chamber (m$^3$/s; m$^2$/s in two dimensions)", GREEN),
         ("P_a", "pressure (Pa)", "air pressure above atmospheric, positive when compressed", RED),
         ("power_pto", "power", "power absorbed by the PTO (W; W/m in two dimensions)", PURPLE),
@@ -193,7 +193,7 @@ def energy(run: RunFile) -> Figure | None:
     work = work_of(series, "power_paddle")
     t, figure, axes = series["time"], *stacked_axes(1, 5.2)
     ax = axes[0]
-    # Stacked areas are right only if no term is negative. Otherwise draw lines, for example if a
+    # Stacked areas show the sum only if no loss is negative. Otherwise draw lines, for example if a
     # prescribed pressure does work on the water.
     largest = max(float(np.max(np.abs(values))) for _, values, _ in terms)
     losses = [values for _, values, _ in terms[:-1]]

@@ -52,7 +52,7 @@ in_style = matplotlib.rc_context(cast(Any, STYLE))
 
 
 WIDTH = 11.0
-"""Width of every figure, inches."""
+"""Width of most figures, inches; the others have a multiple or a fraction of this width."""
 
 
 def has_samples(series: dict[str, np.ndarray], name: str) -> bool:

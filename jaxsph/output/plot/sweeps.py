@@ -24,8 +24,9 @@ def plot_sweep(
 
     By default the result is xi, or else the first result that the problem itself defines.
 
-    With one parameter the picture shows the members with error bars; for a search it shows the path, with
-    short lines for the slopes. With two parameters it shows contours over a grid, or the path of a search.
+    With one parameter the picture shows the members (xi with error bars), or the path of a search with short
+    lines for the slopes. With two parameters it shows contours over a grid, or the members of a list or a
+    search as coloured points.
     **Returns** the files written; none for more than two parameters, or if no member has the result.
     **Raises** FileError if the file cannot be read.
     """
@@ -70,7 +71,7 @@ def _over_one(axes: dict[str, np.ndarray], results: dict[str, np.ndarray], of: s
             ends = np.array([-reach, reach])
             ax.plot(a + ends, b + slope * ends, color=ORANGE, lw=2)
             ax.annotate(str(k + 1), (a, b), (4, 5), textcoords="offset points", fontsize=9)
-        ax.set_title(f"{of} in the order of the search, with its slopes")
+        ax.set_title(f"{of}, numbered in the order of the search; the short lines show the slopes")
     ax.set(xlabel=name, ylabel=of)
     return figure
 

@@ -11,7 +11,8 @@ import numpy as np
 from jaxsph.output.run_reader import RunReader
 
 ROOF = 1.6
-"""Ratio of a solid's highest level to the water's (-), below which pictures show the whole solid."""
+"""Ratio of a solid's highest level to the water's highest level (-), below which pictures show the whole
+solid."""
 
 
 @dataclass(frozen=True)

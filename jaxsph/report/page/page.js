@@ -36,7 +36,7 @@ function show() {
   for (const water of page.players) page.drawn = water.show(page.t, page.field, style);
   for (const space of page.spaces) {
     space.show(page.t, sectionOf(space.run).y, style);
-    // in words only twice a second, because nobody reads faster
+    // the description changes at most twice a second, because nobody reads faster
     if (page.playing && performance.now() - (space.since || 0) < 500) continue;
     space.since = performance.now();
     space.told.textContent = space.words(page.t);
@@ -96,7 +96,7 @@ function warnings() {
 function answer() {
   const found = page.runs.filter((run) => run.answer);
   if (!found.length) return null;
-  return el("ul", { class: "answer", "aria-label": "Answer" }, ...found.map((run) => el("li", {}, page.runs.length > 1 ? `${run.label}: ` : "", `${run.answer.label} `,
+  return el("ul", { class: "answer", "aria-label": "Main result" }, ...found.map((run) => el("li", {}, page.runs.length > 1 ? `${run.label}: ` : "", `${run.answer.label} `,
     el("strong", {}, `${run.answer.value} ${run.answer.unit}`.trim()), run.answer.expected ? `; linear theory ${run.answer.expected}` : "")));
 }
 
@@ -149,7 +149,7 @@ function particles() {
     el("p", { class: "hint" }, "Keys: space plays or pauses, ← and → step, + and − zoom, 0 shows the whole tank. Drag to move the picture; use Ctrl and the mouse wheel to zoom. Click in a chart to show the particles at that time.")));
 }
 
-// The section of a run across the tank that is shown; y is null in two dimensions.
+// The section of a run that is shown, an x-z plane at the position y across the tank; y is null in two dimensions.
 function sectionOf(run) {
   const all = run.player.sections, chosen = page.sections[run.label];
   return all[chosen === undefined ? Math.floor(all.length / 2) : Math.min(chosen, all.length - 1)];
@@ -199,7 +199,7 @@ function legend() {
   return el("div", { class: "legend" }, page.scale[0], page.scale[1], page.bar, page.scale[2]);
 }
 
-// One scale for all players, so that colours compare.
+// The colour scale of the first player; the limits of other players can differ.
 function drawLegend() {
   if (!page.bar || !page.players.length) return;
   const field = page.players[0].frames.fields[page.field];
@@ -282,7 +282,7 @@ function sweepSections() {
       el("td", {}, el("button", { type: "button", class: "open", onclick: () => open(sweep, [one.index], opened), "aria-label": `Open ${one.place}` }, "Open"))));
     const head = el("tr", {}, el("th", { scope: "col" }, "member"), el("th", { scope: "col" }, (sweep.choices.find((one) => one.name === sweep.first) || { text: "result" }).text), el("th", { scope: "col" }, "series"));
     return [section(`${what} of ${sweep.name}`, el("p", { class: "hint" }, "A click on a result opens its member. Dashed or in italics: linear theory."), choice, place,
-      el("details", {}, el("summary", {}, `All ${sweep.members.length} members`), el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of members" }, el("table", {}, el("thead", {}, head), el("tbody", {}, ...rows)))), opened)];
+      el("details", {}, el("summary", {}, `${sweep.members.length} members that have ended`), el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of members" }, el("table", {}, el("thead", {}, head), el("tbody", {}, ...rows)))), opened)];
   });
 }
 
@@ -323,7 +323,7 @@ async function take(bytes) {
   drawLegend();
   show();
   if (window.Plotly) await drawCharts();
-  return going;
+  return going || page.sweeps.length > 0;  // a search may add members to a sweep at any time
 }
 
 async function loadLibrary(id) {
@@ -335,7 +335,7 @@ async function loadLibrary(id) {
   URL.revokeObjectURL(address);
 }
 
-// Asks the local server for updates, until the run has ended.
+// Asks the local server for updates: of a run until it has ended, of a sweep as long as the server runs.
 async function follow() {
   let known = "";
   for (;;) {

@@ -1,6 +1,6 @@
 "use strict";
-// The view in three dimensions of a run, drawn by three.js: free surface, solids, links and tank. Nothing moves by
-// itself: the view turns only while the reader turns it.
+// The view of a run in three dimensions, drawn by three.js: free surface, solids, links and tank. The viewpoint moves
+// only while the reader moves it.
 
 const TURN = 0.1, SIGHT = 30;  // rad for a press of a key; degrees from the lower to the upper edge of the view
 

@@ -31,7 +31,7 @@ class Map2 {
       xaxis: { ...axisStyle(), title: { text: x }, zeroline: false }, yaxis: { ...axisStyle(), title: { text: y }, zeroline: false } };
   }
 
-  // One parameter, or a search: points over the first parameter; those of a search are numbered, with their slopes.
+  // One parameter, or a search: points over the first parameter; the points of a search have numbers and slopes.
   lines() {
     const { axes, members, kind } = this.sweep, colours = PALETTE[isDark() ? "dark" : "light"];
     const there = members.filter((one) => this.of in one.results), search = kind === "search";
