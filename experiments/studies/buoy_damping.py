@@ -138,9 +138,9 @@ def main(dx: float = 0.01, runs: int = RUNS) -> None:
         scatter = float(np.std(damping / values / fit - 1.0)) * np.sqrt(len(fit) / max(len(fit) - 3, 1))
         report.row("scatter of the runs about the parabola", 100 * scatter, "%")
         body = linear(BILGE)
-        best = float(f"{linear_best(body):.4g}")
-        what = f"with round bilges, at {best:g} N s/m2: power over the squared wave amplitude"
-        report.against(what, run(best, BILGE), linear_power(best, body), "W/m3", bar=0.05)
+        given = float(f"{linear_best(body):.4g}")
+        what = f"with round bilges, at {given:g} N s/m2: power over the squared wave amplitude"
+        report.against(what, run(given, BILGE), linear_power(given, body), "W/m3", bar=0.05)
         report.seconds = sum(seconds)
         report.row("mean incident height over the specified height", float(np.mean(heights)) / H)
         report.picture(_picture(damping, values, best, highest))

@@ -48,8 +48,8 @@ def main(dx: float = 0.03) -> None:
             "largest energy not accounted for, over the paddle's work",
             100 * worst,
             "%",
-            bar="within 10 %",
-            passes=worst < 0.1,
+            bar="within 2 %",
+            passes=worst < 0.02,
         )
         report.row(
             "energy lost in the projection, over the paddle's work, with the smallest and largest damping",

@@ -49,8 +49,8 @@ def main(dx: float = 0.04) -> None:
             "energy not accounted for, over the paddle's work",
             100 * share,
             "%",
-            bar="within 10 %",
-            passes=abs(share) < 0.1,
+            bar="within 2 %",
+            passes=abs(share) < 0.02,
         )
         for name in ("projection", "hyperviscosity"):
             report.row(f"{BUDGET[name]}, over the paddle's work", of_paddle(results, name), "%", theory=0.0)

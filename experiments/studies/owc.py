@@ -34,8 +34,8 @@ def _rows(report: Report, case: js.Case, results: dict[str, float], over: dict[s
         100 * share,
         "%",
         theory=0.0,
-        bar="within 5 %",
-        passes=abs(share) < 0.05,
+        bar="within 2 %",
+        passes=abs(share) < 0.02,
     )
 
     # rate of change of the volume over q, at the wave frequency because differences of samples are noisy

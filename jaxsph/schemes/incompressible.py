@@ -33,6 +33,7 @@ from jaxsph.schemes.projection import (
     LEFT_OVER,
     MEAN_TIME,
     RELAXATION,
+    RESPONSE,
     Poisson,
     PressureEquation,
     Projection,
@@ -333,6 +334,7 @@ class ISPH(AbstractParticleScheme):
     def respond(self, model, state, tables):
         """See `AbstractParticleScheme.respond`: solves the pressure equation for the air's force, starting
         from the response at the last search."""
+        solver = self.solver.tightened(RESPONSE)
         p, dt, still = state.particles, model.dt, jnp.zeros_like(state.particles.u)
         interval = at_rest(model, state)
         ghosts = self.place_ghosts(model, state, tables)
@@ -345,7 +347,7 @@ class ISPH(AbstractParticleScheme):
             sources = self._sources(kicked, kicked.u - resting.u)
             equation = self._equation(model, state, tables, kicked, sources, interval)
             equation = equation.unforced().under(air.reaction)
-            pressure, _, _ = equation.solve(self.solver, equation.poisson.shrinking, p.p_air[name])
+            pressure, _, _ = equation.solve(solver, equation.poisson.shrinking, p.p_air[name])
             pressures = equation.complete(pressure)
             _, _, acceleration = self._pressed(pressures, kicked, sources, tables)
             responses[name] = Response(pressures, dt * acceleration)

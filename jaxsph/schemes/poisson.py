@@ -39,6 +39,11 @@ class AbstractSolver(eqx.Module):
         within the solver's tolerance.
         """
 
+    def tightened(self, factor: float) -> AbstractSolver:
+        """Solver with a tolerance smaller by the `factor`; the same solver if it has no tolerance."""
+        del factor
+        return self
+
 
 class Explicit(AbstractSolver):
     """Explicit solver that uses the neighbours' pressures of the last step (Eq. 13-15; Hosseini et al. 2007).
@@ -75,6 +80,10 @@ class BiCGStab(AbstractSolver):
     The required number grows with the depth of the water in spacings. For a box that sinks in water 105
     spacings deep, most steps need 4 to 20 iterations, and the slowest step needs about 200.
     """
+
+    def tightened(self, factor):
+        """See `AbstractSolver.tightened`."""
+        return BiCGStab(self.tolerance / factor, self.iterations)
 
     def solve(self, operator, b, p):
         """See `AbstractSolver.solve`."""
