@@ -368,7 +368,7 @@ PROSE = (
         "| {:.0f} % lost in the projection |", lambda r: (share("flap_3d_0.04", PROJECTION)(r),), (ISPH,)
     ),
     Sentence(
-        "waves lower than a spacing | {:.0f} to {:.0f} % of the efficiency",
+        "OWC in waves lower than a spacing, efficiency | {:.0f} to {:.0f} % below linear theory",
         lambda r: too_low(r, "small_waves_0.01", "small_waves_0.02"),
         (ISPH,),
     ),

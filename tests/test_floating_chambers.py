@@ -97,7 +97,7 @@ def momentum(state):
     return np.sum(np.asarray(p.m, float) * np.asarray(p.u[:, 0], float)) + MASS * float(hull.velocity[0])
 
 
-@pytest.fixture(scope="module", params=[js.ISPH, js.DeltaSPH])
+@pytest.fixture(scope="module", params=[js.ISPH, pytest.param(js.DeltaSPH, marks=pytest.mark.slow)])
 def channel(request):
     """Model of the hull in a channel, its initial state, and its run to 0.3 s."""
     model, state = in_a_channel(request.param)

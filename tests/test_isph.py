@@ -69,7 +69,7 @@ def advanced():
     return of
 
 
-@pytest.mark.parametrize("walls", ["mirror", "dummy"])
+@pytest.mark.parametrize("walls", [pytest.param("mirror", marks=pytest.mark.slow), "dummy"])
 def test_water_at_rest_stays_and_its_pressure_is_hydrostatic(advanced, walls):
     """Forty rows. The error, 1/50 of rho g d, is due to the surface's position and to settling particles."""
     case = TANK | {"dx": 0.0125, "tank": TANK["tank"] | {"walls": walls}}

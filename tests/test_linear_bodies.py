@@ -261,7 +261,7 @@ def test_check_and_results_name_the_same_things():
             "end stops",
         ),
         ("buoy_heave", {"link.take_off.latch": 0.2, "link.take_off.latch_damping": 1e4}, "history"),
-        ("buoy_heave", {"body.velocity": (0.1, 0.0, 0.0)}, "prescribed motion"),
+        ("buoy_heave", {"body.velocity": (0.1, 0.0, 0.0)}, "prescribes the motion in surge"),
         (
             "box_in_waves",
             {"waves.kind": "irregular", "waves.Hs": 0.03, "waves.Tp": 1.2},

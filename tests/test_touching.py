@@ -80,7 +80,10 @@ def test_a_body_at_the_bed_or_an_end_stops_the_run_there(alone, pose, beside):
             assert at < DX if wall == 0.0 else at > wall - DX
 
 
-@pytest.mark.parametrize("free", ["surge", "sway", "heave"])
+@pytest.mark.parametrize(
+    "free",
+    [pytest.param(one, marks=[pytest.mark.slow] * (one != "heave")) for one in ("surge", "sway", "heave")],
+)
 def test_a_body_in_three_dimensions_stops_the_run_however_it_translates(free):
     axis, low = ["surge", "sway", "heave"].index(free), [0.24, 0.24, 0.24]
     buoy = {"block": {"low": low, "high": [0.4, 0.4, 0.4]}, "density": 500.0, "free": [free]}

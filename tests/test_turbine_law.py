@@ -45,7 +45,7 @@ def _run(swinging, changes, samples=20):
 
 
 @pytest.mark.parametrize(
-    "law", [pytest.param(law, marks=[pytest.mark.slow] * (law in ("soft", "wells"))) for law in LAWS]
+    "law", [pytest.param(law, marks=[pytest.mark.slow] * (law in ("soft", "hard", "wells"))) for law in LAWS]
 )
 def test_pressure_and_flow_of_the_incompressible_scheme_obey_the_law(swinging, law):
     keys, pressure = LAWS[law]

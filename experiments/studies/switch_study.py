@@ -1,9 +1,9 @@
 """Effect of the abrupt switches between a thin wall's regions on exact slopes.
 
 The exact slope is compared with that of a parabola fitted to many runs, whose energies include every switch.
-The OWC is in a tank of 1.2 m and runs for one and a half wave periods. With a front wall one spacing thick,
-the ghosts and particles that interact with a particle change abruptly when the particle passes the level of
-the tip. With a wall four spacings thick they hardly change.
+The OWC is in a tank 1.2 m long, and the runs last one and a half wave periods. With a front wall one spacing
+thick, the ghosts and particles that interact with a particle change abruptly when the particle passes the
+level of the tip. With a wall four spacings thick they hardly change.
 
 The comparison can reveal only errors of the exact slope that are larger than the standard error of the
 parabola's slope. Once the motion is chaotic, the energies of runs whose dampings differ by a thousandth

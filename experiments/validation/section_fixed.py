@@ -19,7 +19,7 @@ from jaxsph.output.plot.style import BLUE, RED, in_style
 
 MEASURED = {1.269: (3086.0, 1939.0), 0.897: (2517.0, 1025.0)}
 """Measured amplitudes of the force along the flume and upwards, N/m per metre of wave amplitude, by wave
-period (s): KRSundsdal1/2D-ship-cross-section-in-regular-waves (CC0)."""
+period (s); source: repository KRSundsdal1/2D-ship-cross-section-in-regular-waves (CC0)."""
 ENDS = {1.269: 16.0, 0.897: 26.0}
 """End of the run by wave period, s: shorter waves travel more slowly and settle later."""
 BAR = {0.02: 7.0, 0.01: 5.0}

@@ -96,7 +96,7 @@ def plate_and_solid(dx: float) -> dict[str, js.Case]:
 
 
 def _two_forms(report: Report, dx: float) -> None:
-    """Reports efficiency and pressure of one OWC whose front wall is a plate or a solid."""
+    """Reports efficiency and pressure of one OWC, with a plate and with a solid as its front wall."""
     found = {}
     for label, case in plate_and_solid(dx).items():
         file = solved(case, f"chambers_{label.replace(', ', '_')}_{dx:g}")

@@ -1,7 +1,8 @@
 """Sphere and upright cylinder in forced heave, 3-D: added mass and damping against linear theory.
 
-The lower edge of the cylinder is rounded, because potential flow does not separate. With a sharp edge the
-added mass is 11 % and the damping 183 % too large at T = 0.7 s (amplitude 0.02 m, dx = 0.025 m).
+The lower edge of the cylinder is rounded, because the flow separates at a sharp edge, which linear theory
+neglects. With a sharp edge the added mass is 11 % and the damping 183 % too large at T = 0.7 s (amplitude
+0.02 m, dx = 0.025 m).
 
 Added mass A and damping B follow from the first harmonics of the motion and of the water's force in the last
 two periods, as in `forced_bodies`. Linear theory is computed by the panel method of capytaine (Ancellin

@@ -57,7 +57,8 @@ def main(dx: float = 0.03) -> None:
             report.row(f"{order} order: free over bound long wave", share[order])
         ratio = share["second"] / share["first"]
         report.row(
-            "free over bound long wave, second order over first order",
+            "amplitude of the free over that of the bound long wave: ratio with the paddle of second order "
+            "over the ratio with that of first order",
             ratio,
             bar="at most a third",
             passes=ratio <= 1 / 3,

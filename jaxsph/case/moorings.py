@@ -56,7 +56,7 @@ def _at_rest(case: Sections, section: MooringSection, leaf: Any) -> AbstractCate
 
 
 def _line(case: Sections, section: MooringSection, leaf: Any) -> LumpedLine:
-    """Mooring line, or in 2-D all lines per metre of width, as lumped masses."""
+    """Lumped masses that represent all lines of a mooring, in 2-D those per metre of width."""
     assert section.mass is not None and section.diameter is not None and section.drag is not None
     rho0, d, count = case.fluid.rho0, section.diameter, section.lines
     across, along = (0.5 * rho0 * d * count * one for one in section.drag)

@@ -324,7 +324,7 @@ class Chosen(eqx.Module):
 
 
 class PointNeighbours(eqx.Module):
-    """Neighbours of points, such as ghosts, that every device stores. The sum at a point is computed by one
+    """Neighbours of points that every device stores, such as ghosts. The sum at a point is computed by one
     slab."""
 
     indices: Int[Array, "K S"]

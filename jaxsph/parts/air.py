@@ -200,7 +200,7 @@ class IsentropicAir(AbstractAirLaw):
         return pressed.passed, pressed.ducted
 
     def head(self, P_a):
-        """See `AbstractAirLaw`. This energy is the drop in enthalpy."""
+        """See `AbstractAirLaw`. The energy per volume is the drop in enthalpy from P_a to the ambient air."""
         power = (self.gamma - 1.0) / self.gamma
         return self.p0 / power * jnp.expm1(power * jnp.log1p(P_a / self.p0))
 

@@ -53,7 +53,7 @@ class Space:
     def of(
         cls, tank: Tank, case: Case | None, scene: dict[str, Any], first: np.ndarray, frames: int
     ) -> Space | None:
-        """View of a run; None without the libraries of the extra `geometry`.
+        """View of a run; None without the libraries of the extra `geometry`, or if solids cannot be drawn.
 
         **Arguments**: `case`: None for a run without one, whose solids are not drawn; `first`: positions of
         the particles (m) in the first snapshot; `frames`: number of frames to be shown.

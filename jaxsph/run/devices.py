@@ -92,9 +92,9 @@ def available_cores() -> int:
 def usual_devices(model: Model, state: State) -> int:
     """Default number of devices of a run, the largest number that makes the run faster.
 
-    The number is one for a case that cannot be shared. Several processes use all their devices. A single
-    process uses all accelerators, or as many CPU cores as have at least `WORTHWHILE` particles each; it uses
-    fewer devices if the slabs would otherwise be too narrow.
+    If several processes share the run, they use all their devices. A single process uses one device for a
+    case that cannot be shared. Otherwise it uses all accelerators, or as many CPU cores as have at least
+    `WORTHWHILE` particles each; it uses fewer devices if the slabs would otherwise be too narrow.
     """
     found = find_devices(None)
     if jax.process_count() > 1:

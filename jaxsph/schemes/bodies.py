@@ -224,7 +224,7 @@ def push_bodies(
     couplings: tuple[BodiesCoupling, ...],
     pressures: Pressures,
 ) -> BodyWork:
-    """Bodies after the forces of a step of dt (s) changed their velocities but not their poses.
+    """Bodies with velocities changed by the forces of a step of dt (s), and with unchanged poses.
 
     **Arguments**: `before`: states of the parts by name at the time t (s) of the forces; `pressures`:
     pressures of water and ghosts, with the accelerations and forces of the bodies that result from

@@ -249,7 +249,8 @@ def outline_distance(
     """Distance of points x (m) in a plane from an outline, m; negative inside.
 
     `corners`: corners of the outline in order, m; `counted`: which of its sides, each from one corner to the
-    next, belong to the surface. All sides together bound the inside.
+    next, belong to the surface. The distance is to the nearest of these sides; its sign follows from all
+    sides.
     """
     b = jnp.roll(corners, -1, axis=0)
     edge, there = b - corners, x[:, None, :] - corners
