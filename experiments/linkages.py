@@ -91,7 +91,7 @@ class Rod(AbstractJoint):
 
     def pose(self, q, t):
         """See `AbstractJoint`."""
-        raise NotImplementedError
+        raise NotImplementedError("the rod's pose follows from the crank's: see `place`")
 
     def place(self, above, arm, q, t):
         """See `AbstractJoint`."""

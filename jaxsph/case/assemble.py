@@ -131,7 +131,8 @@ def assemble(
     check_parts(model)
     state = State(
         particles=scheme.with_pressure(
-            _particles(x, u, m, dtype, chambers), leaf(np.zeros(n) if p is None else p)
+            _particles(x, u, m, dtype, chambers if scheme.responds else ()),
+            leaf(np.zeros(n) if p is None else p),
         ),
         parts=part_states(model, dtype),
         ledger={name: Tally.zero(dtype) for name in model.entries()},
@@ -146,7 +147,7 @@ def _particles(
     x: np.ndarray, u: np.ndarray, m: np.ndarray, dtype: np.dtype, chambers: Sequence[AbstractChamber]
 ) -> Particles:
     """Particles at x `[N, D]` (m) with velocities u (m/s) and masses m `[N]` (kg, kg/m in 2-D), at zero
-    pressure."""
+    pressure, with room for the responses to the air of the `chambers`."""
     zero = jnp.zeros(len(x), dtype)
     return Particles(
         x=on_device(x, dtype),

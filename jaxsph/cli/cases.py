@@ -31,14 +31,18 @@ def check(
         rows = js.check(loaded) + (js.linear_check(loaded) if is_case else [])
         if timed:
             found = js.duration(loaded, devices)
-            on = f"{found.devices} device" + ("s" if found.devices > 1 else "")
             text = (
-                f"{in_time(found.total)} on {on} here, including {in_time(found.compilation)} of compilation"
+                f"{in_time(found.total)} on {_in_words(found.devices)} here, including "
+                f"{in_time(found.compilation)} of compilation"
             )
             rows = [*(row for row in rows if row[0] != "wall time"), ("wall time", text)]
         print_table(rows)
         for notice in loaded.notices() if is_case else ():
             typer.echo(f"note: {notice}", err=True)
+
+
+def _in_words(devices: int) -> str:
+    return f"{devices} device" + ("s" if devices > 1 else "")
 
 
 def profile(
@@ -55,8 +59,8 @@ def profile(
         if of_run and (settings or quick):
             raise CaseError(f"{case} is the file of a run, whose case is fixed: omit --set and --quick")
         found = js.profile(case if of_run else load(case, settings, quick), devices)
-        on = f"{found.devices} device" + ("s" if found.devices > 1 else "")
-        rows = [("time step", f"{1e3 * found.step:.3g} ms for {found.particles} particles on {on}")]
+        on = f"{found.particles} particles on {_in_words(found.devices)}"
+        rows = [("time step", f"{1e3 * found.step:.3g} ms for {on}")]
         for name, share in found.parts.items():
             solved = f", {share.iterations:.3g} iterations" if share.iterations else ""
             rows.append((f"  {name}", f"{share.seconds / found.step:6.1%}{solved}"))

@@ -54,7 +54,7 @@ class Particles(eqx.Module):
     p_mean: Float[Array, " N"]
     """Running mean of p, Pa, over the time `schemes.projection.MEAN_TIME` sqrt(h/g)."""
     p_air: dict[str, Float[Array, " N"]] = eqx.field(default_factory=dict)
-    """Change of p per Pa of air pressure in each chamber at the last search (-), by the chamber's name; zero
+    """Change of p per Pa of air pressure in each chamber at the last search (-), by the chamber's name; empty
     if the scheme does not compute it."""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -30,6 +30,8 @@ __all__ = [
 class AbstractParticleScheme(AbstractScheme):
     """Scheme that advances particles of water, with walls represented by ghosts."""
 
+    responds: ClassVar[bool] = False
+    """Whether `respond` computes responses; the particles then keep them for the next search."""
     regularisation: eqx.AbstractVar[tuple[Regularisation, ...]]
     """Regularisation of the particles: empty, or one entry."""
 

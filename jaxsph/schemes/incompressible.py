@@ -62,6 +62,7 @@ class ISPH(AbstractParticleScheme):
 
     too_fast: ClassVar[str] = "a particle moves more than 0.6 spacings in a step"
     grip: ClassVar[AbstractGrip] = BodyForceGrip()
+    responds: ClassVar[bool] = True
     smoothing: Smoothing
     """Kernel, smoothing length and periodic axes."""
     dx: Scalar
