@@ -1,4 +1,4 @@
-"""A power take-off of your own: a linear turbine that works as water rises; air enters freely as it falls.
+"""A power take-off of your own: a linear turbine that works while water rises; air enters freely otherwise.
 
 `pressure` returns the gauge pressure P_a of the air. It receives the flow q_free at P_a = 0 and the
 compliance -dq/dP_a of the step: q = q_free - compliance P_a. Solving this equation and the turbine's law

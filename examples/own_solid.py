@@ -1,4 +1,4 @@
-"""A solid of your own: a plunger that heaves in the surface along a given path and makes waves on both sides.
+"""A solid of your own: a plunger that heaves at the surface along a given path and makes waves on both sides.
 
 jaxsph run examples/own_solid.py:plunger --set stroke=0.01
 """

@@ -1,4 +1,7 @@
-"""Two boxes of a half and a third of the water's density float in one tank, immersed by these fractions."""
+"""Two boxes with a half and a third of the water's density float in one tank.
+
+A half and a third of their heights are immersed.
+"""
 
 import jaxsph as js
 

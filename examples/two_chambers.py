@@ -1,4 +1,4 @@
-"""Two chambers in one tank, side by side at its end, with turbines of different damping, in regular waves."""
+"""Two chambers in one tank, in a row at its end, with turbines of different damping, in regular waves."""
 
 import jax.numpy as jnp
 

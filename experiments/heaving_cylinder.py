@@ -254,8 +254,8 @@ class Release:
         return float(np.max(np.abs(off))) / self.infinite
 
     def path(self, z0: float, end: float, dt: float = 0.002) -> tuple[Values, Values]:
-        """Times (s) and heights above equilibrium (m) after the release at z0 (m), by the trapezoidal rule of
-        second order."""
+        """Times (s) and heights above equilibrium (m) after the release at z0 (m), by the trapezoidal
+        rule."""
         t = np.arange(round(end / dt) + 1) * dt
         kappa, c = self.memory(t), self.cylinder.stiffness
         mass = self.cylinder.mass + self.infinite

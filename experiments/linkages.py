@@ -62,7 +62,7 @@ def double_pendulum(dtype: Any) -> tuple[RigidBody, ...]:
 
 
 def pendulum_equations(t: float, y: np.ndarray) -> list[float]:
-    """Rates of change of the double pendulum's angles from the vertical (rad/s) and of their velocities
+    """Rates of change of the double pendulum's angles from the vertical (rad/s) and of the angular velocities
     (rad/s2)."""
     a, b, va, vb = y
     m1, m2 = RHO * WIDTH * UPPER, RHO * WIDTH * LOWER
@@ -125,7 +125,7 @@ def slider_crank(dtype: Any) -> tuple[RigidBody, ...]:
 
 
 def crank_equation(t: float, y: np.ndarray) -> list[float]:
-    """Rates of change of the crank's angle from the x axis, upwards (rad/s), and of its velocity (rad/s2)."""
+    """Rates of change (rad/s, rad/s2) of the crank's angle, from x towards z, and of its angular velocity."""
     m_crank, m_rod, m_piston = RHO * WIDTH * CRANK, RHO * WIDTH * ROD, RHO * PISTON**2
     i_crank, i_rod = m_crank * (CRANK**2 / 3 + WIDTH**2 / 12), m_rod * (ROD**2 + WIDTH**2) / 12
 

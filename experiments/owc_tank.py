@@ -24,8 +24,8 @@ CHAMBER, RHO_AIR = 0.13, 1.2
 def study_case(dx: float, t1: float = 14.0) -> js.Case:
     """The OWC in a tank of 4 m, half as long as the built-in tank.
 
-    The paddle absorbs the waves that the OWC reflects. Over the shorter distance the incident wave loses less
-    energy, and it arrives in half the time.
+    The paddle absorbs the waves that the OWC reflects. Over the shorter distance the incident waves lose less
+    energy, and they arrive at the OWC in half the time.
     """
     return js.load_case("owc").replace(
         {

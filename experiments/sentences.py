@@ -79,8 +79,8 @@ PROSE = (
     Sentence(
         "impulse of the force (in the laboratory: {:.1f} N s) | 20 % | {:.1f} N s",
         lambda r: (
-            r("column_0.01", "impulse of the force to 1.5 s", column="theory"),
-            r("column_0.01", "impulse of the force to 1.5 s"),
+            r("column_0.01", "impulse of the force to 1.145 s after the impact", column="theory"),
+            r("column_0.01", "impulse of the force to 1.145 s after the impact"),
         ),
         (README,),
     ),
@@ -129,7 +129,7 @@ PROSE = (
         (TUTORIAL,),
     ),
     Sentence(
-        "the error of a single cell is {:.0f} to {:.0f} %",
+        "the standard error of the mean power in a single cell is {:.0f} to {:.0f} %",
         lambda r: (
             r("annual_power_0.02", "smallest standard error of a cell"),
             r("annual_power_0.02", "largest standard error of a cell"),
@@ -155,7 +155,7 @@ PROSE = (
         "loses {:.3f} of this amplitude per second ({:.3f} in a tank without walls); with the paper's "
         "mirror nodes it loses {:.3f}",
         lambda r: tuple(
-            r("contact_line_0.04_0.01", f"{wall}: decay") for wall in ("images", "periodic", "mirror")
+            r("contact_line_0.04_0.01", f"{wall}: decay rate") for wall in ("images", "periodic", "mirror")
         ),
         (METHOD,),
     ),
@@ -264,8 +264,8 @@ PROSE = (
         "loses {:.1f} % of the wave height per wavelength where waves are four spacings high; incompressible "
         "water loses {:.1f} %",
         lambda r: (
-            r("wave_tank_0.025", "decay per wavelength"),
-            r("wave_tank_0.025_incompressible", "decay per wavelength"),
+            r("wave_tank_0.025", "decay of the amplitude per wavelength"),
+            r("wave_tank_0.025_incompressible", "decay of the amplitude per wavelength"),
         ),
         (METHOD,),
     ),

@@ -146,7 +146,7 @@ def __dir__() -> list[str]:
 
 
 class _Facade(types.ModuleType):
-    """Module whose public names take precedence over subpackages: `js.run` is the function."""
+    """Module whose public names take precedence over subpackages: `js.run` is the function `run`."""
 
     def __setattr__(self, name: str, value: Any) -> None:
         # importing a subpackage binds its name in the package, which would hide the function of that name

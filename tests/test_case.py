@@ -284,12 +284,12 @@ def test_memory_is_counted_before_anything_is_made(monkeypatch):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (b"dx = 0.1 # \xff", r"mine.toml is not UTF-8 text from byte 11 on; save the file as UTF-8"),
+        (b"dx = 0.1 # \xff", r"mine.toml is not UTF-8 text: byte 11 is not valid; save the file as UTF-8"),
         (b"dx = " + b"[" * 5000, r"mine.toml: lists or tables are nested too deep"),
         (b"dx = " + b"9" * 5000, r"mine.toml: a value cannot be read: .*4300"),
         (b"dx = 0x" + b"f" * 5000, r"dx = an integer of 20000 bits: must be a number"),
         (b"#" * 2_000_000, r"mine.toml is too large for a case file, .* 1e\+06 bytes"),
-        (b"dx = \x00", r"mine.toml is not a text file: it has NUL bytes, from byte 5 on"),
+        (b"dx = \x00", r"mine.toml is not a text file: byte 5 is a NUL byte; save"),
     ],
 )
 def test_files_that_are_no_case(tmp_path, text, message):

@@ -136,7 +136,7 @@ def _fill(path, kind):
         ("folder", "folder"),
         ("device", "a pipe or a device"),
         ("large", r"too large for a data file, which may have at most 1e\+06 bytes"),
-        ("NUL", "NUL bytes"),
+        ("NUL", "is a NUL byte"),
         ("UTF-16", "is not UTF-8 text"),
         ("absent", "no data file .*give the name of a CSV file"),
         ("environ", "name ends in .csv"),

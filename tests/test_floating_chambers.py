@@ -217,7 +217,7 @@ def test_exact_slopes_of_a_floating_device_are_those_of_differences(key):
         ({"chamber.inner.between": ["hull", "far"]}, r"give exactly one of between .* and body"),
         (
             {"chamber.inner.at": 0.5},
-            r"chamber.inner.at = 0.5 m is in no hollow of the body hull: give a position x",
+            r"chamber.inner.at = 0.5 m is not inside a hollow of the body hull: give a position x",
         ),
         ({"bodies.hull.polygon": HULL[:2] + HULL[4:]}, r"has no hollow at the still water level, z = 0.4 m"),
         (

@@ -378,7 +378,7 @@ def test_a_run_goes_on_under_a_higher_tank(whole, tmp_path):
         ({"dx": 0.1}, "dx cannot change during a run: it is the spacing"),
         ({"device.draught": 0.1}, "device.draught cannot .* would move the walls"),
         ({"waves.H": 0.02}, "waves.H cannot .* the paddle would jump"),
-        ({"probes.gauges": [1.0]}, "probes.gauges cannot .* columns of the present probes"),
+        ({"probes.gauges": [1.0]}, "probes.gauges cannot .* are those of the present probes"),
         ({"tank.height": 0.5}, "tank.height = 0.5: must be higher than the .* m of the run"),
         ({"pto.P_a": 10.0}, "pto cannot change between a turbine and a prescribed pressure"),
         ({"pto.k_dm": 10.0}, "did you mean 'pto.K_dm'"),

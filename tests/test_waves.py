@@ -417,8 +417,8 @@ def test_sponge():
         (0.1, 1.2, 0.5, []),
         (0.4, 1.2, 0.5, ["steepness", "H/d"]),
         (0.2, 4.0, 0.5, ["Ursell"]),
-        (0.02, 0.6, 0.5, ["over pi"]),
-        (0.01, 8.0, 0.5, ["under pi/10"]),
+        (0.02, 0.6, 0.5, ["exceeds pi"]),
+        (0.01, 8.0, 0.5, ["below pi/10"]),
     ],
 )
 def test_theory_limits(H, T, d, words):

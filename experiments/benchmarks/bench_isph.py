@@ -23,7 +23,7 @@ PAPER = PAPER_SIZE / PAPER_STEP
 
 
 def main(dx: float = 0.01, steps: int = 10, turns: int = 3, threads: int = 1, devices: int = 1) -> None:
-    """Times steps after the water's release, searches included, on `threads` cores or the accelerator of JAX.
+    """Times steps after the water's release, searches included, on `threads` cores or on an accelerator.
 
     Each of the `steps` blocks contains the steps between two searches. The timing follows a first run of as
     many blocks.

@@ -33,7 +33,7 @@ def main(dx: float = 0.01, steps: int = 50, warm: int = 200, turns: int = 7) -> 
         for label, kept in zip(("present", "earlier"), times, strict=True):
             report.row(f"time per step, {label}", 1e3 * statistics.median(kept) / steps, "ms")
         report.row(
-            "time per step, present over earlier, median over the turns",
+            "time per step over that with the earlier kernel and walls, median of the measurements",
             ratio,
             bar="at most 0.7",
             passes=ratio <= 0.7,

@@ -1,4 +1,4 @@
-"""Shares of the parts of a time step (search, pressure solver, probes and others), for five cases."""
+"""Share of each part (search, pressure solver, probes and others) in the time of a step, for five cases."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ COLUMNS = ("incompressible", "dx (m)", "particles", "ghosts", "devices", "second
 
 
 def _model(report: Report, table: dict[str, np.ndarray], steps: int) -> None:
-    """Fits the time of a step on a device by a part proportional to its particles and a constant part.
+    """Fits the time of a step by a part proportional to the particles of a device and a constant part.
 
     With several devices another constant part is added.
     """

@@ -1,4 +1,4 @@
-"""Time to a run's second reading, at a first and at a repeated start; predicted and actual wall times."""
+"""Time to a run's second sample, at a first and at a repeated start; predicted and actual wall times."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def main(cases: str = ",".join(CASES)) -> None:
             for when, bar in (("first", None), ("later", 4.0)):
                 took = _timed(["run", "owc", "--t1", "0.02", "--overwrite"], Path(folder))
                 report.row(
-                    f"built-in OWC, {when} start: time to the second reading",
+                    f"built-in OWC, {when} start: time to the second sample",
                     took,
                     "s",
                     bar="" if bar is None else f"{bar:g} s",

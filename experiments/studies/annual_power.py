@@ -1,4 +1,4 @@
-"""Power matrix of the OWC in irregular seas and its annual mean, compared with linear theory."""
+"""Power matrix of the OWC in irregular seas and annual mean power, compared with linear theory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Search for the best damping from far below and from far above it, against a fit through thirteen runs."""
+"""Searches for the best damping, started far below and far above it, against a fit through thirteen runs."""
 
 from __future__ import annotations
 

@@ -10,8 +10,8 @@ taken from all runs of the search. In linear theory (Falnes 2002) the mean power
 with the mechanical impedance Z = R + iX, and P is largest at b = |Z|. A parabola fitted to b / P as a
 function of b gives |Z| without any number from theory.
 
-Vortices at the sharp bilges of this buoy dissipate power, which linear theory neglects. One further run,
-at the best damping of linear theory, therefore has a buoy with round bilges.
+Vortices at the sharp bilges of this buoy dissipate power. Linear theory neglects this dissipation; one
+further run, at the best damping of linear theory, therefore has a buoy with round bilges.
 """
 
 from __future__ import annotations
@@ -69,8 +69,8 @@ def golden_section(value: Callable[[float], float], low: float, high: float, cou
 
 
 def best_of(damping: np.ndarray, power: np.ndarray) -> tuple[float, float]:
-    """Best damping (N s/m per metre) and largest power (W/m3), by a parabola fitted to b / P as a function of
-    b."""
+    """Best damping (N s/m per metre), and largest power over the squared wave amplitude (W/m3), by a parabola
+    fitted to b / P as a function of b."""
     # every power has about the same relative error, and so has b / P
     bend, slope, foot = np.polyfit(damping, damping / power, 2, w=power / damping)
     best = float(np.sqrt(foot / bend))

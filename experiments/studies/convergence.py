@@ -4,7 +4,8 @@ The tank is 3 m long and the wall 0.02 m thick at every spacing, so that all run
 device. At the lip of the front wall, linear theory includes a head loss of zeta = 0, 1 or 2 velocity heads,
 based on the column's mean velocity. This range is assumed, not fitted. According to handbooks of hydraulics a
 sharp-edged entry loses 0.5 to 1 velocity head in steady pipe flow, and an exit loses 1; an oscillating flow
-also meets its own eddies. The efficiency of linear theory is therefore given as a range.
+also passes through the eddies that it has shed. The efficiency of linear theory is therefore given as a
+range.
 """
 
 from __future__ import annotations
@@ -155,7 +156,7 @@ def _read(case: js.Case, file: RunFile) -> Found:
     values, errors = {"xi": results["xi"]}, {"xi": results["xi_scatter"] / np.sqrt(periods)}
     for name in ("P_a", "flow"):
         values[name], errors[name] = _amplitude(series, name, case.waves.T, periods)
-    # after an interruption `wall_seconds` covers the last process only; its rate is used for all of them
+    # after an interruption `wall_seconds` covers the last process only; its rate is used for all processes
     steps = len(file.snapshot(-1)["x"]) * results["steps"]
     seconds = steps / results["particle_steps_per_second"] / results["t_end"]
     return Found(values, errors, results, seconds)

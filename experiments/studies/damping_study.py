@@ -57,7 +57,7 @@ def main(
         report.row(
             "efficiency rises as the waves get lower", _yes(falls.all()), paper="yes", passes=falls.all()
         )
-        # in lower waves the lattice resists the flow: `python -m experiments run small_waves`
+        # in lower waves the lattice resists the flow, see `python -m experiments run small_waves`
         fine = np.array(H) > 1.5 * dx
         report.row(
             "the same for waves higher than 1.5 spacings",
@@ -74,7 +74,7 @@ def main(
             "the same for waves higher than 1.5 spacings", spread, theory=moves, paper="hardly changes"
         )
         report.row("scatter of xi from period to period, median", np.nanmedian(scatter))
-        # members run one per core at the same time: steps per second of core time
+        # the members run at the same time, one per core: these are steps per second of core time
         speed = float(np.nansum(study["steps"]) / np.nansum(study["wall_seconds"]))
         report.row("steps per second of a member on its core", speed)
         report.row("members x steps per second, two cores", 2.0 * speed)

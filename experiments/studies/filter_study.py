@@ -56,7 +56,7 @@ def main(dx: float = 0.02) -> None:
                 (one["slope"] - expected) / -response,
             )
         slopes = np.asarray(long["per_period"])
-        # without any response of the water the slope is the direct term; twice this term is taken as growth
+        # the direct term is the slope without any response of the water; twice this term is taken as growth
         grown = np.flatnonzero(np.abs(slopes) > 2 * long["direct"])
         whole = int(grown[0]) if grown.size else len(slopes)
         report.row(

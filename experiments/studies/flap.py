@@ -37,7 +37,7 @@ def main(dx: float = 0.03) -> None:
         best = int(np.argmax(xi))
         inside = 0 < best < len(xi) - 1
         report.row(
-            "damping of the largest absorbed power",
+            "damping at which the absorbed power is largest",
             DAMPINGS[best],
             "N m s/rad/m",
             bar="inside the range",

@@ -1,7 +1,7 @@
 """Growth of exact slopes in still water, where rows of the square lattice slide over each other on the bed.
 
-The OWC is in a tank of 2 m, and the waves have not arrived. The slope with respect to K_dm starts as
-a ripple in the chamber.
+The OWC is in a tank of 2 m, and the waves have not arrived. At first only the small motions of the water in
+the chamber depend on K_dm.
 """
 
 from __future__ import annotations

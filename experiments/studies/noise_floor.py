@@ -43,7 +43,7 @@ def main(
             x, u = _particles(spacing, t1, report)
             places = _lattice(flow[0], spacing, finest)
             for what, points, velocities in (
-                ("run", x, u),
+                ("particles of the run", x, u),
                 (
                     f"flow of the run at {1e3 * finest:g} mm, averaged onto the lattice",
                     places,
@@ -52,7 +52,7 @@ def main(
             ):
                 near = points[:, 0] > ends - NEAR
                 off = near & (np.hypot(*(points - lip).T) > LIP * spacing)
-                where = f"{1e3 * spacing:g} mm, {what}"
+                where = f"dx = {1e3 * spacing:g} mm, {what}"
                 for name, mask in ((where, near), (f"{where}, more than {LIP:g} spacings from the lip", off)):
                     report.row(name, 100.0 * noise(points, velocities, spacing, mask, lip), "%")
 

@@ -6,8 +6,8 @@ coefficients for the next wave. Afterwards waves with the learnt damping are com
 constant damping.
 
 The method fails: with coefficients that follow the slopes, the OWC absorbs less and less energy. The
-filtered slope of one wave contains the direct effect of a coefficient on that wave and half of the water's
-response within it, but no effect on later waves.
+filtered slope of one wave contains the direct effect of a coefficient on that wave and most of the water's
+response during the wave, but no effect on later waves.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ K_DM = 300.0
 """K_dm (kg^0.5 m^-2.5) at which the slope is computed: below the best, where the mean power increases with
 K_dm."""
 OTHERS = np.round(np.geomspace(100.0, 900.0, 7), 1)
-"""Values of K_dm (kg^0.5 m^-2.5) of the runs for the fit; the ensemble uses none of them."""
+"""Values of K_dm (kg^0.5 m^-2.5) of the runs for the fit; only 300 is also a value of the ensemble."""
 DURATION = 28.0
 """Repeat period of the sea, s: twenty waves."""
 

@@ -1,13 +1,14 @@
 """Effect of the abrupt switches between a thin wall's regions on exact slopes.
 
-The exact slope is compared with that of a parabola fitted to many runs, whose energies include every switch.
-The OWC is in a tank 1.2 m long, and the runs last one and a half wave periods. With a front wall one spacing
-thick, the ghosts and particles that interact with a particle change abruptly when the particle passes the
-level of the tip. With a wall four spacings thick they hardly change.
+The exact slope is compared with that of a parabola fitted to the energies absorbed in many runs. These
+energies include the effect of every switch. The OWC is in a tank 1.2 m long, and the runs last one and a half
+wave periods. With a front wall one spacing thick, the ghosts and particles that interact with a particle
+change abruptly when the particle passes the level of the tip. With a wall four spacings thick these ghosts
+and particles hardly change.
 
 The comparison can reveal only errors of the exact slope that are larger than the standard error of the
 parabola's slope. Once the motion is chaotic, the energies of runs whose dampings differ by a thousandth
-differ by several per cent. The scatter of the runs about the parabola is therefore reported, and the slopes
+differ by a few per cent. The scatter of the runs about the parabola is therefore reported, and the slopes
 are compared before and after the onset of chaos.
 """
 
@@ -52,7 +53,11 @@ def main(dx: float = 0.02) -> None:
                 )
                 # the offsets are symmetric, so that the variance of the slope is scatter^2 / sum (K a)^2
                 scatter = fit.error * np.linalg.norm(K * offsets)
-                report.row(f"{until}: scatter of a run about the parabola", 100 * scatter / fit.value, "%")
+                report.row(
+                    f"{until}: relative scatter of the energies about the parabola",
+                    100 * scatter / fit.value,
+                    "%",
+                )
 
 
 def energy(case: js.Case) -> list[float]:

@@ -32,7 +32,7 @@ def main(dx: float = 0.02, t1: float = 4.0) -> None:
         grown = (reach < 1.0) & (reach > 1e-6)
         rate = np.polyfit(t[grown], np.log(grain[grown]), 1)[0]
         report.row("e-folding time of the difference between neighbours' slopes", 1 / rate, "s")
-        report.row("slope of the energy absorbed to t1", found.slope, "J/m per unit")
+        report.row("slope of the energy absorbed to t1", found.slope, "J/m per unit of K_dm")
         figure = Figure(figsize=(7, 4), layout="constrained")
         axis = figure.subplots()
         axis.semilogy(t, case.pto.K_dm * grain / dx)

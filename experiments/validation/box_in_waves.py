@@ -3,8 +3,8 @@
 All values are taken over whole periods: for the computed motions over the settled periods at the end of the
 run, for the measured ones over the whole record, which has not quite settled
 (`experiments/reference/README.md`). The box drifts with the waves. Its drift is the slope of a straight line,
-fitted to the surge together with two harmonics. A line fitted to two periods without the harmonics could
-have an error of half the surge amplitude per period.
+fitted to the surge together with two harmonics. Without the harmonics, a line fitted to two periods could
+give a drift per period that is wrong by half the surge amplitude.
 
 The position of the gauge in the flume is not known, so the phase of the motions relative to the waves is not
 known either. The picture therefore shifts the computed motions, all by the same time, until a maximum of
@@ -90,7 +90,7 @@ def _periods(t: np.ndarray, T: float) -> int:
 
 
 def _compare(report: Report, what: str, found: float, unit: str, theory: float, bar: float) -> None:
-    """Reports a value, the measured value, and the error."""
+    """Reports a value, the measured value, and the relative error."""
     off = 100.0 * (found / theory - 1.0)
     report.row(what, found, unit, theory=theory, bar=f"within {bar:g} %", passes=abs(off) < bar)
     report.row("the same: deviation from the measurement", off, "%")
@@ -98,7 +98,10 @@ def _compare(report: Report, what: str, found: float, unit: str, theory: float, 
 
 @in_style
 def _motions(here: dict[str, Series], flume: dict[str, Series], T: float) -> Figure:
-    """Figure of the last periods, starting at a maximum of heave; the line fitted to surge starts at zero."""
+    """Figure of the last periods, starting at a maximum of heave.
+
+    Surge is shifted so that a straight line fitted to it starts at zero.
+    """
     figure = Figure(figsize=(7.0, 6.5), layout="constrained")
     axes = figure.subplots(len(MOTIONS), sharex=True)
     for label, series, style in (

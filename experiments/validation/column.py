@@ -2,8 +2,8 @@
 
 The times of the measured velocity start at the arrival of the bore at the probe, and those of the force
 approximately at the release. The velocities are therefore aligned at the arrival, and the forces at the
-impact. Sources disagree on the position of the probe, so both positions are compared.
-`experiments/reference/README.md` has the sources.
+impact. Sources disagree on the position of the velocity probe, so the velocities at both published positions
+are compared. `experiments/reference/README.md` has the sources.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import jaxsph as js
 from experiments.common import Report, reference, solved
 
 IMPULSE, LAST = 13.0, 1.5
-"""Impulse of the measured force (N s), and time (s) at which the integration of the force ends."""
+"""Impulse of the measured force (N s), and time (s) in the measurement at which its integration ends."""
 COMPARED = (0.1, 1.2)
 """Interval after the arrival of the bore in which velocities are compared, s."""
 ARRIVED, HIT = 0.5, 5.0
@@ -53,7 +53,7 @@ def main(dx: float = 0.02) -> None:
         now = t <= hit + span
         impulse = float(np.trapezoid(force[now], t[now]))
         report.row(
-            f"impulse of the force to {LAST:g} s",
+            f"impulse of the force to {span:.4g} s after the impact",
             impulse,
             "N s",
             theory=IMPULSE,

@@ -38,7 +38,7 @@ SENSOR, DISC = 0.2 * BUCHNER, 0.09
 HEIGHTS = SENSOR + DISC * (np.arange(9) - 4) / 9
 """Heights of the sensors, m: the middles of nine strips of equal height on the disc of the transducer."""
 SMOOTHING = 0.1
-"""Width of the running mean over pressures, in sqrt(H/g); the plunge after the peak is ten times as long."""
+"""Width of the pressure's running mean, in sqrt(H/g); the fall after the peak lasts ten times as long."""
 PLATEAU, PEAK, WINDOW = (3.3, 5.1), (2.4, 3.2), (2.4, 5.4)
 """Intervals of t sqrt(g/H) of the steady pressure, of the first peak and of the comparison (Buchner)."""
 
@@ -246,7 +246,7 @@ def _front_rows(report: Report, label: str, front: Front) -> None:
 
 
 def _energy_rows(report: Report, label: str, file: RunFile, length: float, height: float) -> None:
-    """Reports the energy. Stored energy may only fall, because no gate, paddle or air does work on water."""
+    """Reports the energy. Stored energy can only fall: no gate, paddle or air does work on the water."""
     grown, share = energy_growth(file.series(), length, height)
     report.row(
         f"{label}: largest rise of the stored energy over the initial potential energy",
@@ -297,7 +297,10 @@ def _front_picture(fronts: dict[int, Front]) -> Figure:
 
 
 def _particles(file: RunFile, case: js.Case, moments: list[float], unit_length: float, unit: str) -> Figure:
-    """Figure of particles coloured by pressure at the `moments` t sqrt(g/unit_length), labelled `unit`."""
+    """Figure of particles coloured by pressure at the `moments` t sqrt(g/unit_length).
+
+    `unit`: formula of these dimensionless times, for the titles.
+    """
     high = case.tank.depth
     snapshots = []
     for moment in moments:

@@ -1,6 +1,6 @@
 """Bodies that float, sink and fall into water: draught, positions over time, and a swinging flap.
 
-Boxes and the cylinder are free to heave. The flap is hinged at its foot and released at an angle of ten
+The boxes and the cylinder are free to heave. The flap is hinged at its foot and released at an angle of ten
 degrees. `experiments/reference/README.md` has the sources.
 """
 
@@ -107,7 +107,7 @@ def main(dx: float = 0.02, flap_dx: float = 0.01) -> None:
             file = solved(at_rest(ratio, dx), f"floating_{ratio:g}_{dx:g}")
             series = file.series()
             heave = float(np.mean(series["heave"][series["time"] > 1.0]))
-            # the water displaced by the sinking box raises the level
+            # if the box sinks, the displaced water raises the level
             draught = ratio * SIDE - heave / (1.0 - SIDE / 1.2)
             off = draught / (ratio * SIDE) - 1.0
             report.row(
@@ -141,7 +141,7 @@ def _box(report: Report, ax, spacings: tuple[float, ...]) -> None:
         )
         ax.plot(series["time"], -series["heave"], label=f"dx = {1000 * dx:g} mm")
     ax.plot(t, sunk, "k.", label="measured")
-    ax.set(xlabel="t, s", ylabel="sunk by, m", title="a box sinks")
+    ax.set(xlabel="t, s", ylabel="sinkage, m", title="sinking box")
     ax.legend(fontsize="small")
 
 
@@ -157,15 +157,16 @@ def _cylinder(report: Report, ax, dx: float) -> None:
             off = float(np.max(np.abs(np.interp(theory[:, 0], t, depth) - theory[:, 1])))
             if kind or ratio < 1.0:
                 report.row(
-                    f"cylinder of {ratio:g} times the water's density, dx = {dx:g} m: largest deviation of "
-                    f"the depth from {'potential flow' if kind else 'the measurement'}, over the diameter",
+                    f"cylinder of {ratio:g} times the water's density, dx = {dx:g} m: largest deviation "
+                    f"of the penetration from {'potential flow' if kind else 'the measurement'}, over "
+                    "the diameter",
                     100 * off,
                     "%",
                     bar="10 %" if kind else "",
                     passes=off < 0.1 if kind else None,
                 )
         ax.plot(t, depth, color=colour, label=f"density {ratio:g}, here")
-    ax.set(xlabel="t sqrt(g/D)", ylabel="penetration/D", title="a cylinder falls in")
+    ax.set(xlabel="t sqrt(g/D)", ylabel="penetration/D", title="cylinders falling into water")
     ax.legend(fontsize="small")
 
 
@@ -180,7 +181,7 @@ def _flap(report: Report, axes, spacings: tuple[float, ...]) -> None:
         report.row("the same: angle after the first swing over the initial angle", share)
         lost = energy[free] - energy[free][0]
         whole = float(lost[0] - lost.min())
-        # single readings scatter by 0.02 to 0.08 J/m; the water has 17 kJ/m
+        # single values scatter by 0.02 to 0.08 J/m; the energy of the water is 17 kJ/m
         second = round(1.0 / (t[1] - t[0]))
         mean = np.convolve(lost, np.ones(second) / second, mode="valid")
         grown = float(np.max(mean - np.minimum.accumulate(mean)))
@@ -189,7 +190,7 @@ def _flap(report: Report, axes, spacings: tuple[float, ...]) -> None:
             "the same: largest rise of the energy averaged over one second",
             grown,
             "J/m",
-            bar="never grows",
+            bar="< 1 % of the energy lost",
             passes=grown < 0.01 * whole,
         )
         axes[0].plot(t, np.degrees(angle), label=f"dx = {dx:g} m")

@@ -1,8 +1,9 @@
-"""Built-in devices with bodies that float in regular waves: linear theory, and the balance of energy.
+"""Built-in floating devices in regular waves: comparison with linear theory, and energy balance.
 
-Every oscillating reading and the power are compared with linear theory; `jaxsph run` prints both. Linear
-theory assumes small waves and no separation of the flow at corners (docs/measurements.md). Energies are
-divided by the work of the paddle, which absorbs the waves that return to it.
+The power and the amplitudes of the readings are compared with linear theory; `jaxsph run` prints the
+simulated and the theoretical values. Linear theory assumes small waves and no flow separation at corners
+(docs/measurements.md). Energies are divided by the work of the paddle, which absorbs the waves that return to
+it.
 """
 
 from __future__ import annotations

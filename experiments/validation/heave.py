@@ -5,7 +5,7 @@ until the water has settled, and then released. The theory is Cummins' equation 
 damping of the cylinder at the tank's depth (`experiments/heaving_cylinder.py`); in deep water the damping
 ratio would be a tenth higher. The theory is linear: displaced by a quarter of its radius, the cylinder is 3 %
 narrower at the surface, and the restoring force is 1 % smaller. The tank is so long that no wave returns from
-its ends before the last reading, even at the speed of the longest waves.
+its ends before the third turning point, the last that is used, even at the speed of the longest waves.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def _theory(report: Report) -> tuple[np.ndarray, np.ndarray]:
         report.row(check, 100 * off, "%", bar="2 %", passes=abs(off) < 0.02)
     off = CYLINDER.damping_of_the_waves(omega) / mine[1] - 1.0
     report.row(
-        "theory: damping, difference from the value by the energy flux of the radiated waves",
+        "theory: damping, difference from the value computed from the radiated energy flux",
         100 * off,
         "%",
         bar="0.1 %",
@@ -142,7 +142,7 @@ def _theory(report: Report) -> tuple[np.ndarray, np.ndarray]:
     )
     off = release.added_mass_off_the_memory()
     report.row(
-        "theory: added mass, largest difference from the value by the memory function",
+        "theory: added mass, largest difference from the value computed from the memory function",
         100 * off,
         "%",
         bar="0.1 %",

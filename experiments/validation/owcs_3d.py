@@ -1,7 +1,7 @@
-"""Built-in OWCs in three dimensions in regular waves: balance of energy, capture width, and pressure.
+"""Built-in OWCs in three dimensions in regular waves: energy balance, capture width, pressure and level.
 
-No theory covers these devices. Energies are divided by the work of the paddle, which absorbs the waves that
-return to it.
+There are no theoretical values for these devices. Energies are divided by the work of the paddle, which
+absorbs the waves that return to it.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Run-up of non-breaking waves on a slope of 1:2, and their reflection, against linear long-wave theory.
 
-On a plane slope whose foot is x0 from the shore, R/H = (J0(2 k x0)^2 + J1(2 k x0)^2)^(-1/2), with H the
-height of the incident waves and k = omega/sqrt(g d) (Keller and Keller 1964); the waves are reflected
-completely. R is the amplitude of the first harmonic: waves this long for their depth also have a second
-harmonic, which raises their crests.
+The foot of the plane slope is at a distance x0 from the still shoreline. Linear long-wave theory gives
+R/H = (J0(2 k x0)^2 + J1(2 k x0)^2)^(-1/2), with H the height of the incident waves and k = omega/sqrt(g d)
+(Keller and Keller 1964); the waves are reflected completely. R is the amplitude of the first harmonic of the
+level on the slope: such long waves also have a second harmonic, which raises their crests.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ DEPTH, SLOPE, FOOT, T = 0.3, 0.5, 5.0, 2.5
 
 
 def slope_case(dx: float, H: float) -> js.Case:
-    """Waves of height H (m) on the slope, which rises 0.2 m above still water."""
+    """Case of waves of height H (m) on the slope, which rises 0.2 m above the still water level."""
     top = DEPTH + 0.2
     end = FOOT + top / SLOPE
     return js.Case.from_dict(
@@ -58,7 +58,7 @@ def main(dx: float = 0.02, H: float = 0.04) -> None:
         back = results["reflection"]
         report.row("reflection", back, theory=1.0, bar="10 %", passes=abs(back - 1.0) < 0.1)
         report.row("incident height", results["incident_height"], "m", theory=H)
-        report.row("measured level on the slope in still water", 1e3 * still, "mm", theory=0.0)
+        report.row("level on the slope before the waves arrive", 1e3 * still, "mm", theory=0.0)
         for energy in ("hyperviscosity", "projection", "residual"):
             share = of_paddle(results, energy, "whole_")
             report.row(f"{BUDGET[energy]}, over the paddle's work, whole run", share, "%", theory=0.0)

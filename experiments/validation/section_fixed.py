@@ -25,8 +25,8 @@ ENDS = {1.269: 16.0, 0.897: 26.0}
 BAR = {0.02: 7.0, 0.01: 5.0}
 """Largest allowed error of a force amplitude, %, by spacing (m)."""
 ELEMENT = 0.005
-"""Largest element of linear theory on the section, m; half this size changes the forces by less than 0.1
-%."""
+"""Largest boundary element of linear theory on the section, m; with half this size the forces change by less
+than 0.1 %."""
 
 
 def main(dx: float = 0.02) -> None:
@@ -77,8 +77,10 @@ def main(dx: float = 0.02) -> None:
 
 
 def _in_the_water(case: js.Case) -> list[tuple[float, float]]:
-    """Corners of the section (m) below and at the still water level, from right to left, relative to its
-    middle."""
+    """Corners of the section (m), from right to left: x from its middle, z from the still water level.
+
+    Corners above this level are moved down to it.
+    """
     corners = np.array(case.solid["section"].polygon)[::-1] - [0.0, case.tank.depth]
     corners[:, 0] -= 0.5 * (np.min(corners[:, 0]) + np.max(corners[:, 0]))
     return [(float(x), min(float(z), 0.0)) for x, z in corners]

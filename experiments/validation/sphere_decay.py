@@ -99,7 +99,7 @@ def _swings(report: Report, heights: np.ndarray) -> None:
     there = (peak - trough) / (1.0 - trough)
     off = swings[1] / swings[0] / there - 1.0
     report.row(
-        "second swing over the first",
+        "displacement during the second swing over that during the first",
         float(swings[1] / swings[0]),
         paper=there,
         bar="within 3 %",
@@ -125,7 +125,7 @@ def _codes(report: Report, times: np.ndarray, heights: np.ndarray) -> None:
 
 
 def _picture(t: np.ndarray, z: np.ndarray) -> Figure:
-    """Draws the height of the sphere over time, with the turning points of others."""
+    """Draws the height of the sphere over time, with the turning points of experiments and other codes."""
     figure = Figure(figsize=(7, 4), layout="constrained")
     ax = figure.subplots()
     ax.plot(t / PERIOD, z, label="here")

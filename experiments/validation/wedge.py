@@ -1,8 +1,8 @@
-"""Water entry of a wedge of 30 degrees: pressure and force against the similarity solution; free fall.
+"""Water entry of a wedge with a deadrise angle of 30 degrees: pressure, force, and speed in free fall.
 
-At constant speed V, without gravity and far from the chines, the flow is self-similar: pressures depend on
-z/(Vt) only, and the force grows as rho V^3 t (Zhao and Faltinsen 1993). `experiments/reference/README.md` has
-the sources.
+At constant speed V, without gravity, and until the jet reaches the chines, the flow is self-similar: the
+pressure depends on z/(Vt) only, and the force grows as rho V^3 t (Zhao and Faltinsen 1993).
+`experiments/reference/README.md` has the sources.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def main(dx: float = 0.005) -> None:
     t = fixed["time"]
     now = (t >= WINDOW[0]) & (t <= WINDOW[1])
     force = fixed["body_force"][:, 1]
-    # fitted through the origin, because the start is a splash of single particles
+    # a line through the origin, because in the first instants only single particles are hit
     slope = float(np.sum(force[now] * t[now]) / np.sum(t[now] ** 2) / (RHO * V**3))
     Cp = fixed["body_pressure"] / (0.5 * RHO * V**2)
     height = FACE * 0.1443
@@ -51,7 +51,7 @@ def main(dx: float = 0.005) -> None:
     grid = np.linspace(-0.9, 0.3, 25)
     mean = np.mean([np.interp(grid, z[k], Cp[k]) for k in np.flatnonzero(now)], axis=0)
     off = float(np.sqrt(np.mean((mean - np.interp(grid, exact[:, 0], exact[:, 1])) ** 2)))
-    with Report(f"wedge_{dx:g}", "Water entry of a wedge of 30 degrees", dx) as report:
+    with Report(f"wedge_{dx:g}", "Water entry of a wedge with a deadrise angle of 30 degrees", dx) as report:
         report.row(
             "constant speed: largest 2p/(rho V²)",
             peak,

@@ -1,4 +1,4 @@
-"""Air of a closed chamber as a spring: free oscillation of two vessels against the exact frequency."""
+"""Closed air as a spring: frequency of communicating vessels with closed air and at constant pressure."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ T1 = 4.0
 
 
 def main(dx: float = 0.01) -> None:
-    """Runs the vessels of section 4.2 with closed air, and under a constant pressure."""
+    """Runs the vessels of section 4.2 of the paper with closed air, and with a constant air pressure."""
     base = js.load_case("vessel").replace({"dx": dx, "probes.gauges": [], "t1": T1})
     if dx > 0.01:
         base = base.replace({"device.wall_thickness": dx, "tank.length": 0.64 + dx})
@@ -44,7 +44,7 @@ def main(dx: float = 0.01) -> None:
             passes=abs(apart) < 0.01,
         )
         leak = float(np.abs(closed["flow_pto"]).max() / np.abs(closed["flow"]).max())
-        report.row("largest flow through the closed turbine over that of the water", leak)
+        report.row("largest flow through the closed turbine over the largest flow of the water", leak)
         report.row(
             "energy recorded for the air over the change of its stored energy",
             closed["booked"] / closed["stored"],

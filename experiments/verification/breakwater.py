@@ -1,4 +1,4 @@
-"""Overtopping of a breakwater: water behind the crest against water that flowed over it, and energy."""
+"""Overtopping of a breakwater: volume behind the crest against volume that flowed over it; energy balance."""
 
 from __future__ import annotations
 

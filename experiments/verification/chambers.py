@@ -53,7 +53,7 @@ def _balance(report: Report, name: str, results: dict[str, float]) -> None:
 
 
 def _duct(report: Report, file: RunFile) -> None:
-    """Reports the law of the duct between two chambers, and its loss."""
+    """Reports how closely the duct between two chambers follows its law, and the energy lost in the duct."""
     series = file.series()
     drop, flow = (np.float64(series[f"{name}_cross"])[1:] for name in ("pressure_drop", "duct_flow"))
     between = np.float64(series["P_a_sea"] - series["P_a_land"])[1:]

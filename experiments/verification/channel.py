@@ -90,7 +90,7 @@ def errors(flow: Flow, profiles: list[tuple]) -> list[tuple[float, float]]:
 
 
 def main(n: int = 40) -> None:
-    """Runs both flows with n spacings between the walls, and with n/4 and n/2 for the order."""
+    """Runs both flows with n, n/2 and n/4 spacings between the walls, for the errors and their order."""
     with Report("channel", f"Start-up of plane flows at Re = 1, {n} spacings across", L / n) as report:
         shown = {}
         for name, flow in FLOWS.items():
@@ -107,7 +107,12 @@ def main(n: int = 40) -> None:
                 order = observed_order([L / m for m in runs], [found[m][k][0] for m in runs])
                 bar = "at least 1" if k == 1 else ""
                 passes = order >= 1.0 if k == 1 else None
-                report.row(f"{name}: order at t = {time:g} L²/nu", order, bar=bar, passes=passes)
+                report.row(
+                    f"{name}: order of convergence of the L2 error at t = {time:g} L²/nu",
+                    order,
+                    bar=bar,
+                    passes=passes,
+                )
             shown[name] = (flow, runs[n])
         report.picture(_picture(shown))
 

@@ -1,4 +1,4 @@
-"""A sweep of eight members on two Dask workers, one killed with SIGKILL, against members run one by one."""
+"""Sweep of eight members on two Dask workers, one of which is killed, against members run one by one."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from jaxsph.output.run_file import RunFile
 
 
 def main(dx: float = 0.04, t1: float = 2.0) -> None:
-    """Kills one of two workers once its member has a checkpoint, from which another worker continues."""
+    """Kills one of two workers once its member has a checkpoint; another worker continues this member."""
     case = js.load_case("owc").replace(
         {"dx": dx, "device.wall_thickness": dx, "t1": t1, "output.snapshot_dt": 0.1}
     )

@@ -25,8 +25,8 @@ from jaxsph.model.probe import AbstractProbe
 TIMES = (0.95, 3.05)
 """Times at which the modes are compared, s."""
 SAMPLE, WAVE, SHORT, BAR = 0.05, 2, (4, 6, 8, 10, 12), 0.01
-"""Sampling interval (s), mode of the wave, modes that it lacks, and their largest allowed ratio to the wave
-(-)."""
+"""Sampling interval (s), mode of the wave, modes that it lacks, and the largest allowed excess of these
+modes, relative to the wave, over those in the periodic tank (-)."""
 
 
 class SurfaceModes(AbstractProbe):
@@ -94,7 +94,7 @@ def main(dx: float = 0.04, amplitude: float = 0.01, weakly_compressible: bool = 
                 axis.set(xlabel="mode", title=f"t = {time:g} s")
             off = 2 * np.pi / np.hypot(found.omega, found.decay_rate) / period - 1
             report.row(f"{walls}: error of the period against linear theory", 100 * off, "%", theory=0.0)
-            report.row(f"{walls}: decay", found.decay_rate, "1/s", theory=0.0)
+            report.row(f"{walls}: decay rate", found.decay_rate, "1/s", theory=0.0)
         axes[0].set(ylabel="vertical speed over the wave's, %", ylim=(0, None))
         axes[0].legend(fontsize="small")
         report.picture(figure)

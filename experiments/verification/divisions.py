@@ -1,8 +1,8 @@
-"""Vessels at rest, joined under a wall one spacing thick, with the three region divisions of section 2.4.1.2.
+"""Vessels at rest, joined under a wall one spacing thick, with the paper's three region divisions.
 
-Each division runs with `Background`, the default, and without `Background`, as in the paper. The
-vessels are 0.35 and 0.32 m wide, and the water is 0.8 m deep. The wall is 0.01 m thick and reaches 0.6 m into
-the water.
+Section 2.4.1.2 of the paper defines the divisions. Each division is run twice: with the background pressure
+(`Background`, the default), and without it, as in the paper. The vessels are 0.35 and 0.32 m wide, and the
+water is 0.8 m deep. The wall is 0.01 m thick and reaches 0.6 m into the water.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ BAR = 1.0e-4
 """Largest allowed ratio of the final kinetic energy to `SCALE`: the RMS speed is then 0.01 sqrt(g d)."""
 COLOURS = {"a": "#E69F00", "b": "#0072B2", "c": "#D55E00"}
 PAPER = {"a": "unsteady", "b": "at rest", "c": "unsteady"}
-"""State of each division at 10 s according to section 2.4.1.2; the text has no values for its Fig. 8."""
+"""State of each division at 10 s according to section 2.4.1.2; the paper gives no numbers for its Fig. 8."""
 
 
 class Found(NamedTuple):
@@ -173,7 +173,8 @@ def _rows(report: Report, division: str, background: bool, run: Found, t1: float
         f"({division}) {'with the background pressure' if background else 'without the background pressure'}"
     )
     share = run.kinetic / SCALE
-    # A failed run has no energy at t1 and counts as missed. Only the division that the code uses has a limit.
+    # A failed run has no energy at t1 and counts as missed. Only the default (b, with the background
+    # pressure) has a limit.
     last = "failed" if run.ended else float(share[-1])
     barred = division == "b" and background
     report.row(
@@ -194,7 +195,7 @@ def _energies(found: dict[tuple[str, bool], Found]) -> Figure:
     figure = Figure(figsize=(8, 5), layout="constrained")
     axis = figure.subplots()
     for (division, background), run in found.items():
-        label = f"({division}) {'with' if background else 'without'} the background"
+        label = f"({division}) {'with' if background else 'without'} background pressure"
         style = "-" if background else "--"
         # in the first sample the water is exactly at rest, which a logarithm cannot show
         shown = run.kinetic > 0

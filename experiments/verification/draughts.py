@@ -31,7 +31,7 @@ PLACES = 10
 RATIOS = (0.3, 0.5, 0.7, 0.9)
 """Ratios of the bodies' densities to the water's (-)."""
 SETTLED, T1 = 5.0, 7.0
-"""Start and end of the interval over which the draughts are averaged, s: two periods of heave."""
+"""Start and end of the interval over which the draughts are averaged, s: at least two periods of heave."""
 BAR = 0.3
 """Largest allowed error of the mean draught, in spacings."""
 
@@ -174,7 +174,8 @@ class Tank:
         return APART * self.places
 
     def offsets(self) -> np.ndarray:
-        """Distances `[places, 2]` of middle and lowest point from a lattice line, in spacings, 0 to 1."""
+        """Distances `[places, 2]` of each body's middle (in x) and lowest point (in z) from the lattice line
+        below, in spacings, from 0 to less than 1."""
         # 3 is coprime to ten: every tenth occurs once along each axis
         place = np.arange(self.places)
         return np.stack([place, 3 * place % self.places], axis=1) / self.places

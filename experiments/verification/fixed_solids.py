@@ -1,6 +1,6 @@
 """Still water over a slope, beside a leaning wall, around a caisson, a cylinder and a thin plate.
 
-Nothing moves the water, so any motion is noise. The exact force on each solid is that of the hydrostatic
+Nothing drives the water, so any motion is noise. The exact force on each solid is that of the hydrostatic
 pressure. Each run lasts ten seconds and uses the incompressible scheme.
 """
 

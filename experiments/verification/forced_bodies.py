@@ -8,13 +8,13 @@ the start-up,
 
 where -C is the first harmonic of the hydrostatic force, divided by the amplitude of the motion. The theory is
 the potential flow of `jaxsph.waves.panels` at the tank's depth. Roll is about the lowest point of the body: a
-cylinder that rolls about its axis moves no water in theory, and a box of these proportions almost none. The
-cylinder also rolls about its axis once; its added inertia and damping are then given as ratios to the
-theoretical values about its lowest point.
+cylinder that rolls about its axis moves no water in theory, and a box of these proportions almost none. In
+one further run the cylinder rolls about its axis; its added inertia and damping are given as ratios to the
+theoretical values for roll about its lowest point.
 
 The bodies are a cylinder and a box. The bilges of the box are rounded with a radius of half its draught,
-because potential flow does not separate. The same box with sharp bilges heaves once for comparison: energy is
-lost at its corners, which potential flow neglects.
+because potential flow does not separate. For comparison, the same box with sharp bilges heaves in another
+run: energy is lost at its corners, and potential flow neglects this loss.
 
 Waves are absorbed on both sides: by a relaxation zone towards still water, and by a sponge. A wave that
 returns with the fraction r of its amplitude changes the damping by a fraction of up to r, because exciting

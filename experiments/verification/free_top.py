@@ -1,4 +1,4 @@
-"""Free top in air: energy, angular momentum and attitude of a tumbling block over 100 turns.
+"""Free top without water: energy, angular momentum and attitude of a tumbling block over 100 turns.
 
 No force acts on the block, which spins mainly about its intermediate axis and therefore turns over again and
 again. Energy and angular momentum are constants; the attitude is compared with Euler's equations, solved by
@@ -34,7 +34,7 @@ STEPS = 200
 
 
 class Tumble(NamedTuple):
-    """Motion of the block at the end of every turn."""
+    """Motion of the block at the start and after every turn."""
 
     t: np.ndarray
     """Times `[K]`, s."""
@@ -47,7 +47,7 @@ class Tumble(NamedTuple):
 
 
 def tumble(dtype: Any, turns: int = TURNS) -> Tumble:
-    """Free motion of the block in arithmetic of the given type, with the steps of the solver."""
+    """Free motion of the block in the precision `dtype`, with the time steps of the solver."""
     shape = js.Block((0.0, 0.0, 0.0), SIDES)
     joint = js.SpatialJoint.of(js.SpatialJoint.space.motions, velocity=(0.1, -0.2, 0.0, *SPIN), dtype=dtype)
     body = js.RigidBody.of(shape, (0, 0), joint, density=DENSITY, dtype=dtype)
@@ -94,7 +94,7 @@ def errors(found: Tumble) -> tuple[float, float, np.ndarray]:
 def main() -> None:
     """Lets the block tumble in both precisions and reports the errors."""
     jax.config.update("jax_enable_x64", True)
-    with Report("free_top", "Free top in air: a tumbling block") as report:
+    with Report("free_top", "Free top without water: a tumbling block") as report:
         kept = {"float64": tumble(jnp.float64), "float32": tumble(jnp.float32)}
         for name, found in kept.items():
             energy, momentum, away = errors(found)

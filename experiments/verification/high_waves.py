@@ -18,7 +18,7 @@ RUNS = (
     (0.04, 0.12, 2 * RELAXATION),
     (0.02, 0.25, RELAXATION),
 )
-"""Spacing (m), Courant number, and rate at which crowding is removed (in units of sqrt(g/h)), of each run."""
+"""Spacing (m), Courant number, and rate of spreading crowded particles (over sqrt(g/h)), of each run."""
 
 
 def main() -> None:

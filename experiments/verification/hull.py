@@ -2,8 +2,8 @@
 
 The hull of the built-in case `hull` lies across the tank, so that it rolls in the x-z plane. Its hydrostatics
 and its added inertia are computed by capytaine (Ancellin and Dias 2019) for the same triangles, in open
-water of the same depth. The period of small free roll is 2 pi sqrt((I + A) / C), where the added inertia A
-is that at this period.
+water of the same depth. The period of small free roll is 2 pi sqrt((I + A) / C), with the moment of inertia
+I, the hydrostatic stiffness C, and the added inertia A at this period.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ class Hydrostatics:
 
 
 def _picture(t: np.ndarray, roll: np.ndarray, period: float) -> Figure:
-    """Draws the angle of roll (degrees) over time (s), with the turning points of a free roll of `period`."""
+    """Draws the angle of roll (degrees) over time (s), with turning points of free roll of `period` (s)."""
     figure = Figure(figsize=(7, 3.5), layout="constrained")
     ax = figure.subplots()
     ax.plot(t, roll)

@@ -24,7 +24,7 @@ FRONT = 5.0
 """Distance (in H) from the wall behind the column at which the front of Buchner's dam break is timed."""
 
 IMPACT_LAYERS = [26, 28, 30, 32, 34]
-"""Spacings over the height of Buchner's column, H/dx. Single runs differ by more than the schemes do."""
+"""Spacings over the height of Buchner's column, H/dx. Single runs scatter, so their means are compared."""
 
 INCOMPRESSIBLE = {"scheme.kind": "incompressible"}
 

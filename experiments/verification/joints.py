@@ -1,7 +1,9 @@
-"""Joined bodies without water: double pendulum and slider-crank against scipy; energy, and work of a drive.
+"""Joined bodies without water: double pendulum and slider-crank against scipy, and energy balance.
 
-The bodies move by the kicks and drifts of the solver's time step. Lagrange's equations of the same bodies
-(`experiments/linkages.py`), with the angles as the only unknowns, are solved by `scipy.integrate.solve_ivp`.
+The bodies are advanced by the kicks and drifts of the solver's time step. Lagrange's equations of the same
+bodies (`experiments/linkages.py`), with the angles as the only unknowns, are solved by
+`scipy.integrate.solve_ivp`. For a body with a prescribed motion, the work of this motion is compared with the
+energy gained.
 """
 
 from __future__ import annotations
@@ -34,8 +36,8 @@ Angles = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def march(bodies: Sequence[RigidBody], t1: float, n: int, every: int, dtype: Any = F64):
-    """Poses by name, energy (J/m) and work of the drives (J/m) after each block of `every` of the n steps to
-    t1 (s)."""
+    """Poses by name, energy (J/m) and work of prescribed motions (J/m) after each block of `every` of the n
+    steps to t1 (s)."""
     mechanism, dt = Mechanism(bodies), jnp.asarray(t1 / n, dtype)
     g = jnp.asarray([0.0, -linkages.G], dtype)
 
@@ -90,8 +92,8 @@ def change_of_energy() -> np.ndarray:
 
 
 def work_and_gain() -> tuple[np.ndarray, np.ndarray]:
-    """Work of the drive and energy gained, J/m, of a carriage with a prescribed motion and a bar hanging from
-    it."""
+    """Work of a carriage's prescribed motion, and energy gained by the carriage and a bar that hangs from it,
+    J/m."""
     given = ([0.2, 0.05, 0.1], 7.0, [0.0, 0.5, 1.0], 0.5)
     path = HarmonicPath(*(jnp.asarray(value, F64) for value in given))
     joints = PlanarJoint.of(path=(path,), dtype=F64), PlanarJoint.of(["pitch"], parent="cart", dtype=F64)
@@ -114,12 +116,12 @@ def main() -> None:
             report.row(check, off, "rad", theory=0.0, bar="< 1e-4 rad", passes=off < 1e-4)
         change = change_of_energy()
         off = np.max(np.abs(change))
-        over = "over the energy of the swing"
+        over = "over the initial potential energy (zero when hanging straight down)"
         check = f"energy of the double pendulum over {PERIODS} periods: largest change, {over}"
         report.row(check, off, theory=0.0, bar="< 1e-5", passes=off < 1e-5)
         work, gained = work_and_gain()
         off = np.max(np.abs(work - gained)) / np.ptp(gained)
-        check = "work of a drive minus the energy gained, over the range of the energy"
+        check = "work of a prescribed motion minus the energy gained, over the range of the energy gained"
         report.row(check, 100 * off, "%", theory=0.0, bar="< 0.1 %", passes=off < 1e-3)
         report.picture(_picture(kept, change))
 
@@ -135,5 +137,5 @@ def _picture(kept: dict[str, Angles], change: np.ndarray) -> Figure:
             ax.plot(t, theory, "k.", ms=3)
         ax.set(xlabel="t, s", ylabel="angle, rad", title=f"{name} (dots: scipy)")
     last.plot(np.arange(1, len(change) + 1), 1e6 * change, color=BLUE)
-    last.set(xlabel="t, s", ylabel="change / 1e-6 of the swing", title="energy of the double pendulum")
+    last.set(xlabel="t, s", ylabel="change / (1e-6 initial value)", title="energy of the double pendulum")
     return figure

@@ -34,7 +34,9 @@ def main() -> None:
                         f"{what}: largest stress in pure strain up to 0.25", found.strained, theory=0.0
                     )
                     report.row(
-                        f"{what}: RMS stress in random distortions of 0.12", found.distorted, theory=0.0
+                        f"{what}: RMS stress in random distortions (standard deviation 0.12)",
+                        found.distorted,
+                        theory=0.0,
                     )
                     if lattice == "cubic":
                         report.row(

@@ -4,9 +4,9 @@ Three boxes of half the water's density, 0.3 m long and 0.2 m high, float in wav
 et al. 2015 (the case `box_in_waves`), a box with round bilges and a keel (its centre of mass is lower), and
 the box on two springs of the case `box_moored`. The first box has a metacentric height of only 0.025 m, so
 that its pitch is sensitive to millimetres in the height of the centre of mass. The second has a metacentric
-height of 0.09 m, and no sharp corners in the water, where vortices would dissipate energy, which linear
-theory neglects. The third has the metacentric height of the first. Below every RAO of pitch the report gives
-the change of the theoretical value for a centre of mass 2 mm lower.
+height of 0.09 m. It has no sharp corners in the water: vortices at such corners dissipate energy, and linear
+theory neglects this dissipation. The third has the metacentric height of the first. Below every RAO of pitch
+the report gives the change of the theoretical value for a centre of mass 2 mm lower.
 
 The motions are those of the centre of mass. Their first harmonic is fitted over whole periods after the waves
 have settled, together with a second harmonic and a linear drift, and is divided by the amplitude of the

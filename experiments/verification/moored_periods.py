@@ -3,7 +3,7 @@
 The box of the case `box_moored`, which is moored by two springs, is held away from its equilibrium in one
 motion until the water has settled, and is then released. The period is the time from the release to the next
 turning point on the same side. The theory is the free motion after the same release, with the added mass and
-damping of `jaxsph.waves.panels` at all frequencies, and with the stiffness of buoyancy and springs. The
+damping of `jaxsph.waves.panels` at all frequencies, and with hydrostatic and spring stiffness. The
 undamped natural periods, with the added mass at the natural frequency, are also reported; heave is damped
 so much that the time between two turning points differs from its undamped period.
 
@@ -122,11 +122,13 @@ def main(dx: float = 0.01) -> None:
 
 
 def _rows(report: Report, one: Release, here, there) -> None:
-    """Reports the period, and the ratio of the second swing to the first."""
+    """Reports the period, and the ratio of the displacements during the second and the first swing."""
     (times, heights), (expected, left) = (extremes(path[0], path[1], SWINGS) for path in (here, there))
     report.against(f"{one.motion}: period", times[2], expected[2], "s", bar=BAR)
     swings, theory = (abs((h[2] - h[1]) / (h[1] - h[0])) for h in (heights, left))
-    report.row("the same: second swing over the first", swings, theory=theory)
+    report.row(
+        "the same: displacement during the second swing over that during the first", swings, theory=theory
+    )
     back = (one.length - 0.3) / SPEED
     report.row("the same: earliest return of a wave from the tank's ends", back, "s", passes=back > times[2])
 

@@ -1,8 +1,9 @@
-"""Mooring lines without water: the catenary against MoorPy, the line of lumped masses against MoorDyn.
+"""Mooring lines in still water: catenaries against MoorPy, and a line of lumped masses against MoorDyn.
 
 A chain of 2.87 m joins an anchor on the bed to a fairlead 2.8 m away and 0.4 m higher, whose motion is
-prescribed in the comparison with MoorDyn. Both programs are in the extra `test`. If they are not installed,
-the report omits the comparison and notes this.
+prescribed in the comparison with MoorDyn. The water has no particles: the lines have their weight in water,
+drag and added mass. Both programs are in the extra `test`. If one is not installed, the report omits the
+comparison with it and notes this.
 """
 
 from __future__ import annotations
@@ -211,7 +212,8 @@ def periods() -> tuple[float, float]:
 
 
 def slopes() -> float:
-    """Largest relative error of exact slopes of the tension with respect to length, weight and EA."""
+    """Largest relative difference between exact and finite-difference slopes of the tension with respect to
+    length, weight and EA."""
     worst = 0.0
     for kind, span, height, EA in STATIC.values():
 
@@ -232,7 +234,7 @@ def slopes() -> float:
 def main() -> None:
     """Solves and moves the lines in float64."""
     jax.config.update("jax_enable_x64", True)
-    with Report("moorings", "Mooring lines without water, against MoorPy and MoorDyn") as report:
+    with Report("moorings", "Mooring lines in still water, against MoorPy and MoorDyn") as report:
         for name, (here, theirs) in static_tensions().items():
             check = f"catenary, {name}: tension at the fairlead"
             if theirs is None:

@@ -1,4 +1,4 @@
-"""Oblique waves in a basin: their direction and height, and the mean direction of a directional sea."""
+"""Oblique waves in a basin: direction and height against the specified values, and wavenumber."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ BARS = (2.0, 0.05)
 
 def main(dx: float = 0.0625, degrees: float = 20.0) -> None:
     """Runs the built-in basin with spacing dx (m) and waves in a direction (degrees); reports their
-    direction and height."""
+    direction, height and wavenumber."""
     case = js.load_case("basin").replace(
         {"dx": dx, "waves.direction": float(np.round(np.radians(degrees), 4))}
     )
@@ -57,7 +57,8 @@ def main(dx: float = 0.0625, degrees: float = 20.0) -> None:
         heights = 2.0 * np.abs(analysis.fundamental(t[last], eta, T)) / case.waves.H
         report.row("smallest wave height at a gauge over the specified height", heights.min(), theory=1.0)
         report.row("largest wave height at a gauge over the specified height", heights.max(), theory=1.0)
-        report.row("energy not accounted for", 100.0 * results["energy_residual_share"], "%")
+        share = "energy not accounted for, over the work of the zones or the largest kinetic energy"
+        report.row(share, 100.0 * results["energy_residual_share"], "%")
         report.row("wave height in spacings", case.waves.H / dx)
         report.picture(_picture(case, t, series["eta_wire"]))
 
@@ -69,7 +70,7 @@ def _row(report: Report, check: str, error: float, unit: str, bar: float) -> Non
 
 
 def _picture(case: js.Case, t: np.ndarray, eta: np.ndarray) -> Figure:
-    """Elevations at three gauges across the basin, and the target waves there."""
+    """Figure of the elevations at three gauges across the basin, and of the target waves there."""
     figure = Figure(figsize=(9, 4), layout="constrained")
     axis = figure.subplots()
     model = case.problem().model

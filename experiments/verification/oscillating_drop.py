@@ -8,8 +8,8 @@ starting from A = B = R and sigma = sigma0. Its pressure is
 all around.
 
 Pressures are positive and the particles stay ordered, so shifting is not used. With shifting the period is
-exact to 0.02 %, but the surface creeps outwards and gains energy (8 % of the kinetic energy in two periods at
-R = 25 dx, `built(25, strength=12.0)`).
+exact to 0.02 %, but the surface creeps outwards and the drop gains energy (8 % of the kinetic energy in two
+periods at R = 25 dx, `built(25, strength=12.0)`).
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def built(n: int, c0: float = 15.0, strength: float | None = None):
     x = lattice((-R, -R), (R, R), dx)
     x = x[np.sum(x**2, axis=1) < R**2]
     u = SIGMA0 * x * [1.0, -1.0]
-    # for the circle with the same area as the particles
+    # pressure in the circle that has the area of all particles
     p = 0.5 * RHO * (SIGMA0**2 + OMEGA**2) * (len(x) * dx**2 / np.pi - np.sum(x**2, axis=1))
     force = CentralForce(jnp.float32(OMEGA), jnp.zeros(2, jnp.float32))
     given = dict(scheme=scheme, walls=walls, dx=dx, sample_dt=SAMPLE, p=p, forces=(force,))
@@ -150,7 +150,7 @@ def main(n: int = 50, t1: float = 9.5, c0: float = 15.0) -> None:
         found, last = period(good), exact(good.t[-1:])
         off = abs(found / PERIOD - 1.0)
         report.row("period", found, "s", theory=PERIOD, bar="within 1 %", passes=off < 0.01)
-        # the lattice loses its order in the first half period, which only shifts the phase
+        # the first period is left out: while the lattice loses its order, the phase shifts
         late = period(good, skip=2)
         report.row("mean period after the first period", late, "s", theory=PERIOD)
         lead = len(crossings(good)) // 2 * PERIOD - crossings(good)[len(crossings(good)) // 2 * 2]

@@ -37,7 +37,10 @@ def main(layers: int = 20, T: float = 1.0, strokes: int = 3) -> None:
             where = f"stroke {1e3 * share * STROKE:.3g} mm, ka = {steepness[-1]:.2g}"
             report.row(f"{where}: wave height over that of Biesel's theory", ratios[-1], theory=1.0)
             report.row(f"{where}: spread of this ratio along the tank", np.std(first) / height, theory=0.0)
-            report.row(f"{where}: second harmonic, mean along the tank", np.mean(second) / height)
+            report.row(
+                f"{where}: height of the second harmonic over Biesel's height, mean along the tank",
+                np.mean(second) / height,
+            )
             lost = of_paddle(run.results, "hyperviscosity")
             report.row(f"{where}: {BUDGET['hyperviscosity']}, over the paddle's work", lost, "%", theory=0.0)
         slope, limit = np.polyfit(np.square(steepness), ratios, 1)

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import jaxsph as js
-from experiments.common import Report
+from experiments.common import BUDGET, Report
 from jaxsph import analysis
 from jaxsph.schemes.kernels import KERNEL, NAMED, SEMICIRCLE, KernelName, usual_length
 
@@ -26,6 +26,12 @@ BEFORE: dict[int, KernelName] = {2: "gaussian", 3: "wendland"}
 """Earlier default kernels, before semicircle and polynomial, by number of dimensions."""
 DIFFUSIONS = (0.1, 0.2, 0.4)
 """Coefficients delta of the density diffusion (-) that are compared; the first is the default."""
+ENERGIES = {
+    "hyperviscosity": BUDGET["hyperviscosity"],
+    "diffusive": "energy lost by density diffusion",
+    "residual": BUDGET["residual"],
+}
+"""Reported terms of the energy budget of weakly compressible water, and their names."""
 
 
 def main(
@@ -90,8 +96,8 @@ def by_diffusion(dx: float, amplitude: float, t1: float) -> None:
                 label = f"{kernel}, delta = {delta:g}"
                 report.row(f"{label}: decay of the amplitude", decay(run), "1/s", theory=0.0)
                 report.row(f"{label}: noise at the end", run.results["noise"], "of the speed", theory=0.0)
-                for name in ("hyperviscosity", "diffusive", "residual"):
-                    report.row(f"{label}: energy, {name}", run.results[f"energy_{name}"], "J/m", theory=0.0)
+                for name, words in ENERGIES.items():
+                    report.row(f"{label}: {words}", run.results[f"energy_{name}"], "J/m", theory=0.0)
 
 
 def solved(dx: float, amplitude: float, t1: float, dim: int, changes: dict[str, Any]) -> js.Solution:

@@ -11,7 +11,7 @@ from jaxsph import analysis
 
 H, T, D = 0.06, 1.2, 0.5
 LENGTH = 2.048
-"""Wavelength and length of the zone, m."""
+"""Length of the zone, m: one wavelength."""
 GAUGES = (0.0, 0.3, 0.5, 0.8, 1.0, 1.3, 1.6)
 """Positions of the gauges beyond the end of the zone, m."""
 
@@ -62,7 +62,7 @@ def main(dx: float = 0.02) -> None:
         )
         again = abs(waves["wall"].incident - waves["free"].incident) / waves["wall"].reflected
         report.row(
-            "tank with a wall: change of the incident wave over the reflected wave",
+            "tank with a wall: incident amplitude minus that with a sponge, over the reflected amplitude",
             again,
             bar="5 %",
             passes=again < 0.05,
@@ -78,7 +78,7 @@ def main(dx: float = 0.02) -> None:
         report.row("wall time with the zone over that with the paddle", cost, bar="0.45", passes=cost < 0.45)
         share = results["short"]["energy_residual_share"]
         report.row(
-            "OWC with the zone: energy not accounted for",
+            "OWC with the zone: energy not accounted for, over the zone's work or the largest kinetic energy",
             100.0 * share,
             "%",
             bar="2 %",

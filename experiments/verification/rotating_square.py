@@ -115,7 +115,11 @@ def main(n: int = 60, t1: float = 4.0) -> None:
             row = report.row
             row(f"{label}: energy lost over the initial energy", -100 * energy, "%", theory=0.0)
             row(f"{label}: relative change of the angular momentum", 100 * spin, "%", theory=0.0)
-            row(f"{label}: particles with fewer than half their neighbours", 100 * voids(run), "%")
+            row(
+                f"{label}: particles with fewer than half the neighbours of a full lattice",
+                100 * voids(run),
+                "%",
+            )
             row(f"{label}: largest speed / (omega L)", np.max(run["max_speed"]) / (OMEGA * L))
         report.picture(_picture(shown))
 

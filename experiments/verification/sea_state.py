@@ -46,7 +46,7 @@ def main(dx: float = 0.02) -> None:
         S = sea.incident
         height = S.Hm0
         report.row(
-            "significant height", height, "m", theory=HS, bar="5 %", passes=abs(height / HS - 1) < 0.05
+            "significant wave height", height, "m", theory=HS, bar="5 %", passes=abs(height / HS - 1) < 0.05
         )
         report.row("peak period", S.Tp, "s", theory=TP, bar="3 %", passes=abs(S.Tp / TP - 1) < 0.03)
         # the target is averaged over each band of frequencies, because a band is as wide as the peak
@@ -56,7 +56,8 @@ def main(dx: float = 0.02) -> None:
         among = (S.f > 0.6 / TP) & (S.f < 2.0 / TP)
         inside = float(np.mean(((low < expected) & (expected < high))[among]))
         report.row(
-            "share of the bins from 0.6 to 2 fp whose 90 % band contains the spectrum",
+            "share of the frequency bins from 0.6 to 2 fp in which the 90 % band of the measured spectrum "
+            "contains the target",
             inside,
             bar="0.9",
             passes=inside >= 0.9,

@@ -22,7 +22,7 @@ LONG, LAYERS = 10.0, 20
 
 
 def main(dx: float = 0.02, dx_3d: float = 0.03, waves: bool = True) -> None:
-    """Runs a 2-D tank as long as `wave_tank`, 3-D tanks of 1 x 0.3 x 0.48 m, and `wave_tank` itself."""
+    """Runs a 2-D tank of the length of `wave_tank`, 3-D tanks of 1 x 0.3 x 0.48 m, and `wave_tank` itself."""
     flat = still(dx, js.load_case("wave_tank").tank.length)
     deep = still(dx_3d, 1.0, width=0.3)
     with Report(f"still_tank_{dx:g}", "Incompressible water that starts at rest", dx) as report:

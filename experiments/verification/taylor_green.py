@@ -103,7 +103,7 @@ def main(n: int = 50, t1: float = 1.0, finest: int = 100) -> None:
         for m, error in zip(resolutions, errors, strict=True):
             report.row(f"L2 error of the velocity, {m} x {m}", 100 * error, "%", theory=0.0)
         order = observed_order([1.0 / m for m in resolutions], errors)
-        report.row("order of convergence", order, bar="at least 1", passes=order >= 1.0)
+        report.row("order of convergence of the velocity", order, bar="at least 1", passes=order >= 1.0)
         report.picture(_picture(curves, good))
 
 

@@ -1,7 +1,7 @@
-"""Water at rest beside a wall one spacing thick, with and without `model.background.Background`.
+"""Water at rest beside a wall one spacing thick, with and without the background pressure (`Background`).
 
-The incompressible scheme has no background. Its water is not quite at rest beside a wall one spacing
-thick, but is at rest beside a wall as thick as the support of the kernel.
+The incompressible scheme has no background pressure. With this scheme water beside a wall one spacing thick
+keeps moving, and water beside a wall as thick as the support of the kernel is at rest.
 """
 
 from __future__ import annotations

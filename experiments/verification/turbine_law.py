@@ -1,8 +1,8 @@
 """Readings of pressure and flow against the law of the power take-off, for every law.
 
-The OWC runs in a tank of 1.2 m over three wave periods, with quadratic turbines from soft to nearly closed
-and with the other laws. Each law is fitted to its readings by least squares. Optionally the built-in
-OWC also runs in its own tank with the quadratic turbines, and its efficiency, pressure and flow are reported.
+The OWC runs in a tank 1.2 m long over three wave periods, with quadratic turbines of low to very high damping
+and with the other laws. Each law is fitted to its readings by least squares. Optionally the OWC also runs in
+the tank of the built-in case with the quadratic turbines; its efficiency, pressure and flow are reported.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def laws() -> dict[str, tuple[dict[str, Any], Pressure]]:
     found["linear turbine (Wells)"] = ({"pto.resistance": 4e3}, lambda q: 4e3 * q)
     found["curve"] = ({"pto.curve": CURVE}, lambda q: np.interp(q, *np.array(CURVE).T))
     found["K_dm = 534.66 and a relief valve, below its limit"] = ({"pto.relief": 60.0}, quadratic(534.66))
-    found["K_dm = 534.66 under compressible air"] = ({"air.volume": 0.5}, quadratic(534.66))
+    found["K_dm = 534.66 with compressible air"] = ({"air.volume": 0.5}, quadratic(534.66))
     return found
 
 

@@ -1,4 +1,4 @@
-"""The communicating vessels of section 4.2: the air over one surface is suddenly at 1000 Pa."""
+"""Communicating vessels of the paper's section 4.2: an air pressure of 1000 Pa suddenly acts on one side."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def main(dx: float = 0.01, t1: float = 60.0, weakly_compressible: bool = False) 
     file = solved(case, name, t1)
     series = file.series()
     t, difference = series["time"], series["eta"][:, 0] - series["eta"][:, 1]
-    late = t > 0.5  # the first half second contains the acoustics of the sudden pressure
+    late = t > 0.5  # in the first half second the sudden pressure causes sound waves in compressible water
     found = analysis.fit_damped_oscillation(t[late], difference[late])
     period = 2 * np.pi / found.omega
     # the mean over whole periods at the end does not depend on the envelope of the fit

@@ -25,7 +25,7 @@ GROUP = 1.0 / (1.0 / T[0] - 1.0 / T[1])
 
 
 def main(dx: float = 0.03) -> None:
-    """Runs the same waves with both orders and reports the amplitudes of the long waves."""
+    """Runs the same waves with paddle motions of both orders and reports the amplitudes of the long waves."""
     base = js.Case.from_dict(
         {
             "name": "wave_group",
@@ -50,11 +50,16 @@ def main(dx: float = 0.03) -> None:
         for order, (bound, free, back) in found.items():
             share[order] = abs(free) / abs(bound)
             report.row(
-                f"{order} order: bound long wave", 1e3 * abs(bound), "mm", theory=1e3 * theory["bound"]
+                f"{order} order: amplitude of the bound long wave",
+                1e3 * abs(bound),
+                "mm",
+                theory=1e3 * theory["bound"],
             )
-            report.row(f"{order} order: free long wave", 1e3 * abs(free), "mm")
-            report.row(f"{order} order: returning free long wave", 1e3 * abs(back), "mm")
-            report.row(f"{order} order: free over bound long wave", share[order])
+            report.row(f"{order} order: amplitude of the free long wave", 1e3 * abs(free), "mm")
+            report.row(f"{order} order: amplitude of the returning free long wave", 1e3 * abs(back), "mm")
+            report.row(
+                f"{order} order: amplitude of the free long wave over that of the bound one", share[order]
+            )
         ratio = share["second"] / share["first"]
         report.row(
             "amplitude of the free over that of the bound long wave: ratio with the paddle of second order "

@@ -1,4 +1,4 @@
-"""The wave tank of section 4.1 (T = 1.2 s, H = 0.1 m, d = 0.5 m) against second-order Stokes theory."""
+"""Wave tank of the paper's section 4.1 (T = 1.2 s, H = 0.1 m, d = 0.5 m) against second-order theory."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ the value at 6 wavelengths is from the longer tank of Appendix A)."""
 
 
 def main(dx: float = 0.01, wavelengths: int = 4, incompressible: bool = False) -> None:
-    """Runs a tank of `wavelengths` with the spacing dx (m), and reports errors, drift, decay and reflection.
+    """Runs a tank of `wavelengths` with the spacing dx (m), and reports errors, mean level, decay and
+    reflection.
 
     The sponge fills the last wavelength. With eight wavelengths this is the tank of Appendix A.
     """
@@ -51,7 +52,8 @@ def main(dx: float = 0.01, wavelengths: int = 4, incompressible: bool = False) -
         report.seconds = results["wall_seconds"]
         report.picture(against_stokes(report, case, series, wavelengths, (5.0, 2.0)))
         report.row("reflection by the sponge", 100 * results["reflection"], "%", theory=0.0)
-        report.row("energy not accounted for", 100 * results["energy_residual_share"], "%", theory=0.0)
+        share = "energy not accounted for, over the paddle's work or the largest kinetic energy"
+        report.row(share, 100 * results["energy_residual_share"], "%", theory=0.0)
         report.row("wall time per simulated second", results["wall_seconds"] / results["t_end"], "s")
 
 
@@ -81,7 +83,7 @@ def against_stokes(
         reference = np.asarray(theory.stokes2_elevation(x[i], t[window], H, T, d))
         # waves of finite height are longer, which second-order theory neglects
         longer = np.asarray(theory.stokes2_profile(k3 * x[i] - 2 * np.pi / T * t[window], H, k3, d))
-        for expected, than in ((reference, ""), (longer, ", wavelength of third order")):
+        for expected, than in ((reference, ""), (longer, " against theory with the third-order wavelength")):
             errors = _errors(*record, expected, H, T)
             for k, name in enumerate(("MAE_a", "MAE_p")):
                 bar = None if than or bars is None else bars[k]
@@ -100,7 +102,7 @@ def against_stokes(
     window = settled(t, x.max() / speed + front(x.max(), T, d), T, case.waves.ramp_periods)
     amplitude = np.array([analysis.fundamental(t[window], level, T) for level in eta[window].T])
     decay = analysis.decay_per_wavelength(x, amplitude, wavelength)
-    report.row(f"{label}decay per wavelength", 100 * decay, "%", theory=0.0)
+    report.row(f"{label}decay of the amplitude per wavelength", 100 * decay, "%", theory=0.0)
     order = np.argsort(x)
     phase = np.unwrap(np.angle(amplitude[order]))
     k = abs(np.polyfit(x[order], phase, 1)[0])

@@ -1,4 +1,4 @@
-"""Waves in a narrow 3-D tank against Stokes' second order, and in a 2-D slice of the tank."""
+"""Waves in a narrow 3-D tank and in a 2-D slice of it, against second-order Stokes theory."""
 
 from __future__ import annotations
 

@@ -58,7 +58,8 @@ def _harmonics(t: Series, T: float) -> Series:
     """Columns 1, and cosine and sine of the first and second harmonic at times t (s)."""
     phase = 2.0 * np.pi / T * t
     columns = [np.ones_like(t)]
-    for n in (1, 2):  # if periods are not exactly whole, a harmonic left out of the fit would leak into B
+    # an omitted second harmonic would change B if the record is not exactly a whole number of periods
+    for n in (1, 2):
         columns += [np.cos(n * phase), np.sin(n * phase)]
     return np.stack(columns, axis=-1)
 
@@ -75,7 +76,7 @@ def reflection(
     """Amplitudes of the incident and the reflected wave (m) at the frequency 1 / T, from a row of gauges.
 
     The method is least squares over the gauges after Mansard and Funke (1980), with linear
-    wavenumbers. Place the gauges a wavelength away from paddle and device.
+    wavenumbers. Place the gauges a wavelength away from the paddle and from the device.
 
     **Arguments**: `eta`: elevations [gauges, times] (m); `x`: positions of the gauges [gauges] (m); `t`
     [times] (s); period `T` (s); depth `d` (m); `periods`: number of periods to use at the

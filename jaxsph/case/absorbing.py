@@ -71,7 +71,8 @@ def make_sponges(case: Sections, geometry: Geometry, leaf: Any) -> tuple[Sponge,
 
 
 def check_absorbing(case: Sections, geometry: Geometry) -> None:
-    """**Raises** CaseError for sponge layers that do not fit, and for zones that cover a device or a body."""
+    """**Raises** CaseError for sponge layers that do not fit, for zones that cover a device, a body or a
+    chamber, and for relaxation zones along the side walls that cover a solid."""
     _check_sponge(case, geometry)
     moving = {
         f"the body {name}" if name != ONLY_BODY else "the body": np.asarray(shape.bounds())
@@ -82,7 +83,7 @@ def check_absorbing(case: Sections, geometry: Geometry) -> None:
     moving |= {f"the chamber {name}": _bounds(surface) for name, surface in geometry.stretches.items()}
     solids = {f"the solid {name}": np.asarray(shape.bounds()) for name, shape in geometry.solids.items()}
     for zone in sponge_layers(case) + relaxation_zones(case):
-        # zones along the side walls relax the water towards waves that no solid disturbs
+        # zones along the side walls relax the water towards the incident waves, which a solid disturbs
         covered = moving | (solids if zone.key == "waves.side_zones" else {})
         _check_clear(zone, covered, geometry)
 
@@ -125,8 +126,8 @@ def _check_clear(zone: Zone, covered: Mapping[str, np.ndarray], geometry: Geomet
             continue
         low, high = (float(end[zone.axis]) for end in bounds)
         if first < high - 1e-9 and last > low + 1e-9:
-            gone = "[sponge]" if zone.key == "sponge.length" else zone.key  # a sponge needs its length
-            beside = high >= last - 1e-9 if zone.far else low <= first + 1e-9  # no zone is thin enough
+            gone = "[sponge]" if zone.key == "sponge.length" else zone.key  # `sponge.length` is required
+            beside = high >= last - 1e-9 if zone.far else low <= first + 1e-9  # a thinner zone overlaps too
             smaller = "" if beside else f"use a smaller {zone.key}, or "
             raise CaseError(
                 f"{zone.key} = {zone.thickness:g} m: the zone from {coordinate} = {first:.4g} to {last:.4g} "

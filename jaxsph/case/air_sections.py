@@ -42,8 +42,8 @@ Reading = Annotated[float, Field(ge=-1e9, le=1e9)]
 
 class PTOSection(Section):
     """Power take-off of a chamber's air: a quadratic damping, a linear turbine, an orifice, a characteristic
-    curve or a prescribed pressure. Give exactly one. In two dimensions all quantities are per metre of
-    width."""
+    curve or a prescribed pressure. Give exactly one of them. In two dimensions flows and areas are per metre
+    of width."""
 
     K_dm: float | None = Field(None, ge=0, le=1.0e6)
     """Damping coefficient of a quadratic turbine or a slot (P_a = K_dm^2 |q| q), kg^0.5 m^-2.5
@@ -136,8 +136,8 @@ def _check_curve(curve: tuple[tuple[float, float], ...]) -> None:
             )
     if (0.0, 0.0) not in curve:
         raise ValueError(
-            "curve must contain the point (0, 0), without which the turbine would drive the water; add this "
-            "point"
+            "curve must contain the point (0, 0), because without flow a turbine has no pressure drop; add "
+            "this point"
         )
 
 
@@ -145,7 +145,7 @@ class AirSection(Section):
     """Compressible, isentropic air of the chamber; without this section the air is incompressible."""
 
     volume: float = Field(ge=1e-6, le=1e9)
-    """Volume of air above still water in the chamber and its ducts, m3 (m2 per metre of width in 2-D)."""
+    """Volume of air above still water in the chamber and its ducts, m3 (in 2-D per metre of width, m2)."""
     pressure: float = Field(101_325.0, ge=1.0, le=1e9)
     """Ambient pressure, Pa."""
     gamma: float = Field(1.4, ge=1.01, le=2.0)
@@ -201,7 +201,7 @@ class DuctSection(Section):
     """Names of the two chambers; the flow from the first to the second is positive."""
     area: Area | None = None
     """Smallest cross-section of the duct, m2 (per metre of width in 2-D). The kinetic energy of the air is
-    lost downstream of it."""
+    lost downstream of this cross-section."""
     discharge: Discharge = 0.6
     """Discharge coefficient of the duct's smallest cross-section (-)."""
     density: Density = 1.2

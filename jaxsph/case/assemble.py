@@ -39,7 +39,7 @@ from jaxsph.solids.walls import Ghosts
 SKIN = 0.2
 """Skin of the neighbour tables, in spacings dx: the distance by which the tables reach beyond the kernel's
 support. A wider skin saves searches but makes every pair sum more expensive. A step of the OWC takes as
-long with this skin as with a skin of 0.3 (`python -m experiments run bench_step`)."""
+long with this skin as with a skin of 0.3 (time per step in `python -m experiments run bench_step`)."""
 
 
 SEARCH = 1.0
@@ -72,9 +72,11 @@ def assemble(
     settings: dict[str, int] | None = None,
     search_by: type[AbstractSearch] = Cells,
 ) -> tuple[Model, State]:
-    """Builds the model and initial state of a fluid in a box from arrays. `case.build` does so for cases.
+    """Builds the model and initial state of a fluid in a box from arrays. To build them from a case, use
+    `case.build`.
 
-    **Arguments**: positions `x` `[N, D]` (m) and velocities `u` `[N, D]` (m/s), in the scheme's precision.
+    **Arguments**: positions `x` `[N, D]` (m) and velocities `u` `[N, D]` (m/s). The model has the
+    precision of the scheme.
     `p` `[N]`: gauge pressure (Pa), by default 0. `volume` of each particle (m3; m2 in 2-D), by default dx^D.
     `walls`: ghosts from `Ghosts.build` of a `Box`; the scheme's smoothing must have the same `period`.
     `g` `[D]`: gravitational acceleration (m/s2), by default 0. Parts: `moving` walls (driven solids, and the
@@ -84,8 +86,9 @@ def assemble(
     default the largest stable step. `speed`: largest expected speed (m/s), which determines how often
     neighbours are searched; by default the largest speed in `u`, or for a fluid at rest 0.3 times the largest
     speed that the scheme allows. `skin` of the neighbour tables, in spacings dx: a wider skin gives more
-    pairs but fewer searches, and is faster if particles move far in a step.
-    `depth`: depth for depth-averaged results (m), by default the box's height.
+    pairs but fewer searches, and saves time if particles move far in a step.
+    `depth`: still water depth (m), for the probes, the reflection and the pictures; by default the box's
+    height.
     `settings`: as for `build`. `search_by`: class of the neighbour search, `Cells` or `JaxMD`.
     **Raises** ValueError if shapes of arrays do not match, if the periods of scheme and walls differ, if a
     period is not a multiple of dx or is shorter than 2.5 search radii, or if a particle is outside the box.
@@ -104,7 +107,7 @@ def assemble(
     if speed is None:
         speed = float(np.sqrt(np.max(np.sum(u**2, axis=1)))) or 0.3 * float(scheme.fastest(stable))
     if dt_most is None:
-        # a particle must not leave the reach of its neighbour table within one step
+        # a particle must not move so far in one step that its neighbour table becomes invalid
         stable = min(stable, 0.4 * skin / speed)
     blocks, block = _cadence(sample_dt, stable, speed, skin)
     model = Model(
@@ -165,10 +168,11 @@ def _particles(
 def _cadence(sample_dt: float, dt_most: float, speed: float, skin: float) -> tuple[int, int]:
     """Number of blocks in a sampling interval `sample_dt` (s), and number of steps in a block.
 
-    A neighbour table is valid until a particle has moved half of the `skin` (m); the expected `speed` (m/s)
-    therefore limits the length of a block. A block has an even number of steps of at most `dt_most` (s), so
-    that the block can be divided if a table goes stale. The cheapest number of blocks is chosen; the cost
-    includes the searches and the steps added by rounding.
+    A block is the sequence of steps between two neighbour searches. A neighbour table is valid until a
+    particle has moved half of the `skin` (m); the expected `speed` (m/s) therefore limits the length of a
+    block. A block has an even number of steps of at most `dt_most` (s), so that the block can be divided if a
+    table becomes invalid. The cheapest number of blocks is chosen; the cost includes the searches and the
+    steps added by rounding.
     """
     needed = sample_dt / dt_most
     most = max(2.0, 0.5 * skin / (speed * dt_most))
@@ -291,7 +295,7 @@ def _imaged(images: Images, x: jax.Array, radius: float, skin: float) -> tuple[j
 def _neighbour_count(
     targets: np.ndarray, sees: np.ndarray, sources: np.ndarray, kinds: np.ndarray, grid: Grid
 ) -> np.ndarray:
-    """For each target, number of sources within the grid's radius whose kinds are in its mask `sees`.
+    """Number of sources within the grid's radius of each target whose kinds are in the target's mask `sees`.
 
     A tree on the host counts the sources, because a search on the device would be compiled for every build.
     """

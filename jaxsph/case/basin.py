@@ -23,20 +23,20 @@ from jaxsph.waves.fields import AbstractWaveField, DirectionalSea, LongCrestedWa
 from jaxsph.waves.theory import stokes3_wavenumber
 
 SIDE_STRENGTH = 4.0
-"""Ratio of the largest rate of the zones along the side walls to the waves' angular frequency.
+"""Ratio of the largest relaxation rate in the zones along the side walls to the waves' angular frequency.
 
 The side walls reflect oblique waves. A high rate damps the reflected waves within the zones, but also
 reflects a part of the waves that enter the zones. The linear shallow-water equations were solved with zones
 half a wavelength wide, at ratios of 2, 4 and 8. Waves at 20 degrees differ from the target by up to 10, 11
-and 8 %, and by 2, 2 and 1 % on average. Of waves that meet the zones at right angles, 11, 25 and 33 % are
-reflected.
+and 8 % of the amplitude, and by 2, 2 and 1 % on average. For waves that meet the zones at right angles the
+reflection coefficient is 0.11, 0.25 and 0.33.
 """
 LEAST_WIDTH = 0.25
 """Smallest width of the zones along the side walls, in wavelengths."""
 
 
 def has_basin(case: Sections) -> bool:
-    """Whether the waves of a case are given over the plan of a basin."""
+    """Whether a case has a basin: oblique waves, or relaxation zones along the side walls."""
     waves = case.waves
     return waves is not None and (waves.oblique or waves.side_zones is not None)
 
@@ -76,7 +76,7 @@ def make_segmented(
 def make_basin_zone(
     case: Sections, geometry: Geometry, field: AbstractWaveField, strength: float, leaf: Any
 ) -> BasinZone:
-    """Relaxation zone of a basin; `strength`: largest rate at the near end, 1/s."""
+    """Relaxation zone of a basin; `strength`: relaxation rate at the near end, 1/s."""
     section, dx, width = given_waves(case), case.dx, _width(geometry)
     assert section.zone is not None, "`check_basin` has found a zone"
     # grid points one spacing apart keep the error of linear interpolation below one per cent; the grid begins

@@ -106,7 +106,7 @@ def make_links(case: Sections, bodies: Sequence[RigidBody], leaf: Any) -> tuple[
     """All links of a case: the bodies' power take-offs and the `link` sections.
 
     `leaf` converts a number to an array of the case's precision. **Raises** CaseError for a link to a body
-    that does not exist.
+    that does not exist, or along a motion in which the body is not free.
     """
     found, by_name = [], {body.name: body for body in bodies}
     for name, section in case.every_body.items():

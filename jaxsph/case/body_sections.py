@@ -65,7 +65,7 @@ def spatial(values: Sequence[float]) -> tuple[float, ...]:
 
 
 class RotationalPTOSection(Section):
-    """Power take-off on a body's pitch; in two dimensions all values are per metre of width."""
+    """Power take-off on a body's pitch; in two dimensions all moments are per metre of width."""
 
     damping: Coefficient = 0.0
     """Linear damping, N m s/rad."""
@@ -105,7 +105,7 @@ class LinkSection(Section):
     stiffness: Coefficient = 0.0
     """Stiffness of a spring, N/m."""
     pretension: float = Field(0.0, ge=-1e12, le=1e12)
-    """Tension of the spring without extension, N."""
+    """Tension of the spring at zero extension, N."""
     damping: Coefficient = 0.0
     """Linear damping, N s/m."""
     quadratic: Coefficient = 0.0
@@ -116,14 +116,14 @@ class LinkSection(Section):
     """Whether the link is a rope, which becomes slack instead of pushing; damping then acts only while the
     rope is taut."""
     stops: tuple[Coordinate, Coordinate] | None = None
-    """Least and largest extension before the end stops act, m; give it together with `stop_stiffness`."""
+    """Smallest and largest extension at which no end stop acts, m; give it together with `stop_stiffness`."""
     stop_stiffness: Coefficient = 0.0
     """Stiffness of the end stops, N/m."""
     latch: Duration | None = None
     """Time for which a latch holds the link whenever its motion reverses, s; needs `latch_damping`."""
     latch_damping: Coefficient = 0.0
-    """Linear damping of the latch while it holds the link, N s/m; choose it much larger than the mass divided
-    by the time step."""
+    """Linear damping of the latch while it holds the link, N s/m; choose it much larger than the body's
+    mass divided by the time step."""
     take_off: bool = False
     """Whether the link is a power take-off, whose power counts as power of the device."""
 

@@ -126,7 +126,8 @@ class Case(Sections):
         return value
 
     def built(self, name: str) -> Any:
-        """Value of a key in the model: lengths are rounded to whole spacings, other values are as given."""
+        """Value of a key in the model: lengths in `Geometry.rounded` are rounded to whole spacings, all other
+        values are as given."""
         return Geometry.of(self).rounded.get(name, self.value(name))
 
     def roughness(self, name: str) -> str:

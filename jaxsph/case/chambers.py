@@ -31,10 +31,10 @@ class Stretch(NamedTuple):
     back: np.ndarray
     """Corners `[K, 2]` (x, z) (m) of the back wall's inner face, from bottom to top."""
     tip: float
-    """Level of the lower end of the wall with the smaller draught, m. Air escapes if water falls
+    """Level of the lower end of the wall with the smaller draught, m. Air escapes if the water falls
     below this level."""
     top: float
-    """Level of the lower of the two walls' tops, m."""
+    """Level of the lower of the two walls' tops, or of the roof of a body's hollow, m."""
     first: float
     """Position x of the front wall's inner face at the still water level, m."""
     last: float
@@ -137,10 +137,10 @@ def stretch_between(key: str, between: tuple[str, str], tank: Tank) -> Stretch:
 
 
 def stretch_in(key: str, body: str, at: float | None, shape: AbstractShape, tank: Tank) -> Stretch:
-    """Stretch of the surface in a hollow, open below and with a roof, in a body of this `shape`.
+    """Stretch of the water surface in a hollow of a body with the given `shape`.
 
-    `at`: a position x (m) in the hollow, if there are several hollows. **Raises** CaseError, which names the
-    section `key`, if the hollow cannot hold air over water.
+    The hollow is open below and has a roof. `at`: a position x (m) in the hollow, if there are several
+    hollows. **Raises** CaseError, which names the section `key`, if the hollow cannot hold air over water.
     """
     asked = f"{key}.body = {body!r}"
     hollows = [one for one in itertools.pairwise(_crossings(shape, tank.depth)[1:-1])][::2]
@@ -157,8 +157,8 @@ def stretch_in(key: str, body: str, at: float | None, shape: AbstractShape, tank
         )
     if len(found) != 1:
         raise CaseError(
-            f"{key}.at = {at:g} m is in no hollow of the body {body}: give a position x inside a hollow "
-            f"({places})"
+            f"{key}.at = {at:g} m is not inside a hollow of the body {body}: give a position x inside "
+            f"one of its hollows ({places})"
         )
     ((first, last),) = found
     middle, beside = 0.5 * (first + last), 1e-4 * tank.dx

@@ -1,4 +1,4 @@
-"""`coarsen`: a case with larger particles and a shorter run, for a first look within a minute."""
+"""`coarsen`: a case with larger particles and a shorter run, for a quick first look."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ def read_bytes(path: Path, kind: str, remedy: str, most: int) -> bytes:
     """Content of a file of at most `most` bytes.
 
     **Arguments**: `kind` of the file, in words; `remedy`: what to do if there is no such file.
-    **Raises** CaseError if the file is not a regular file, or is too large.
+    **Raises** CaseError if the file does not exist, is not a regular file, or is too large.
     """
     try:
         # without O_NONBLOCK, opening a pipe that has no writer would block for ever
@@ -90,12 +90,11 @@ def read_text(path: Path, kind: str, remedy: str) -> str:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise CaseError(
-            f"{path} is not UTF-8 text from byte {error.start} on; save the file as UTF-8"
+            f"{path} is not UTF-8 text: byte {error.start} is not valid; save the file as UTF-8"
         ) from None
     if "\0" in text:
         raise CaseError(
-            f"{path} is not a text file: it has NUL bytes, from byte {data.index(0)} on; save the "
-            "file as UTF-8 text"
+            f"{path} is not a text file: byte {data.index(0)} is a NUL byte; save the file as UTF-8 text"
         )
     return text
 

@@ -25,7 +25,7 @@ PIXEL = 0.0254 / 96.0
 def read_outline(path: Path, scale: float | None) -> Corners:
     """Corners `[K, 2]` (m) of the only closed outline in a drawing, with x to the right and z upwards.
 
-    **Arguments**: `scale`: factor on the drawing's lengths, or metres per drawing unit if they have no unit.
+    **Arguments**: `scale`: factor on the drawing's lengths, or metres per unit if the drawing has no unit.
     **Raises** CaseError if the drawing cannot be read, has no unit while `scale` is None, or does not have
     exactly one closed outline. Messages never show the content of the drawing.
     """

@@ -126,11 +126,11 @@ class Geometry:
 
     @property
     def front(self) -> float:
-        """Length of the water in front of the device, or of the whole tank without a device, m."""
+        """Length of the water in front of the device, m; without a device, length of the tank."""
         return self.length if self.plate is None else self.plate.x0
 
     def snap(self, name: str, value: float, least: int = 1, slack: float = 0.34) -> float:
-        """Length (m) of the whole number of spacings nearest to `value` (m), with at least `least` spacings.
+        """Length `value` (m), rounded to a whole number of spacings that is at least `least`.
 
         **Raises** CaseError if rounding changes the length by more than the fraction `slack`.
         """

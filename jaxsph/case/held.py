@@ -26,8 +26,8 @@ from jaxsph.waves import theory
 SAMPLES = 50
 """Number of samples in a period."""
 STILL = 1e-6
-"""Height of the waves in runs with a prescribed motion, m. It is negligible, but a case with waves has a
-paddle, which absorbs the radiated waves that reach it."""
+"""Height of the waves in runs with a prescribed motion, m. This height is negligible, but a case with
+waves has a paddle, which absorbs the radiated waves that reach it."""
 RAMP = 2.0
 """Number of periods over which the motion or the waves grow."""
 LEAST_LENGTH = 20
@@ -38,7 +38,8 @@ LEAST_SPONGE = 0.5
 SHARE = 0.1
 """Ratio of a prescribed motion's amplitude to the draught, or to the height of the wet part of the body."""
 PLACES = (0.0, 0.13, 0.31, 0.58, 1.0)
-"""Positions of the gauges, as fractions of their row's length; uneven, to separate waves of all lengths."""
+"""Positions of the gauges, as fractions of their row's length; unevenly spaced, to separate waves of all
+lengths."""
 LARGEST_CONDITION = 10.0
 """Largest condition number of the equations that separate the waves at the gauges (-), as in
 `analysis.reflection`."""
@@ -53,7 +54,7 @@ class Forcing:
     By default a tenth of the draught (or of the height of the wet part), but at least half a spacing."""
     height: float | None = None
     """Height of the waves in runs with all bodies held, m. By default `waves.H`; without regular waves in
-    the case, twice the default amplitude of a prescribed motion."""
+    the case, twice the smallest default amplitude of the prescribed motions."""
     cycles: int = 5
     """Number of periods that are averaged."""
 
@@ -209,7 +210,7 @@ def _held(
     t1 = T * (math.ceil(begin / T - 1e-9) + cycles)
     data["t1"] = t1
     data["probes"] = {"gauges": gauges(geometry, T, case.g, None if case.waves is None else case.waves.zone)}
-    # a snapshot in every period, because a run that was killed continues from its last snapshot
+    # a snapshot and a checkpoint in every period; a killed run continues from its last checkpoint
     data["output"] = {"sample_dt": T / SAMPLES, "snapshot_dt": T, "periods": cycles}
     return Case.from_dict(data)
 
@@ -234,8 +235,8 @@ def check_period(case: Case, T: float) -> None:
     if worst_separation(row, 2.0 * math.pi / length) > LARGEST_CONDITION:
         raise CaseError(
             f"{asked} is too long for the {_front(geometry):.3g} m between the paddle and the first body or "
-            "solid, where gauges cannot separate incident waves from reflected and radiated ones; place the "
-            "bodies farther from the paddle, or use a shorter period"
+            "solid, because gauges over so short a distance cannot separate incident waves from reflected "
+            "and radiated ones; place the bodies farther from the paddle, or use a shorter period"
         )
 
 

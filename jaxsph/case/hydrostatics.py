@@ -60,10 +60,10 @@ def buoyancy_stiffness(
 ) -> NDArray[np.float64]:
     """Stiffness `[3, 3]` of the buoyancy of a section in surge, heave and pitch about its pivot (x, z) (m).
 
-    `level`: still water level (m); `weight` of the water, rho g (N/m3). With the moments S_n of
-    (x - x_pivot)^n over the waterline, the displaced volume V per metre of width and the height b of the
-    centre of buoyancy above the pivot: C_33 = rho g S_0, C_35 = C_53 = -rho g S_1, C_55 = rho g (S_2 + V b)
-    (Newman 1977, chapter 6; the pitch is positive from z towards x). Units: N/m2, N/m, N.
+    `level`: still water level (m); `weight` of the water, rho g (N/m3). C_33 = rho g S_0 (N/m2),
+    C_35 = C_53 = -rho g S_1 (N/m) and C_55 = rho g (S_2 + V b) (N), where S_n is the integral of
+    (x - x_pivot)^n over the waterline, V the displaced volume per metre of width, and b the height of the
+    centre of buoyancy above the pivot (Newman 1977, chapter 6; the pitch is positive from z towards x).
     """
     low_x, _, high_x, _ = region.bounds
     line = region.intersection(shapely.LineString([(low_x - 1.0, level), (high_x + 1.0, level)]))
@@ -81,8 +81,8 @@ def buoyancy_stiffness(
 def inertia_matrix(mass: float, about_centre: float, arm: NDArray[np.float64]) -> NDArray[np.float64]:
     """Inertia matrix `[3, 3]` of surge, heave and pitch about a pivot, kg/m, kg, kg m.
 
-    `mass` (kg/m); moment of inertia `about_centre` of mass (kg m); `arm` (x, z) from the pivot to the centre
-    of mass (m). A pitch of theta moves the centre of mass by (z, -x) theta.
+    `mass`: kg/m; `about_centre`: moment of inertia about the centre of mass, kg m; `arm`: (x, z) from the
+    pivot to the centre of mass, m. A pitch of theta moves the centre of mass by (z, -x) theta.
     """
     way = np.array([[1.0, 0.0, arm[1]], [0.0, 1.0, -arm[0]], [0.0, 0.0, 1.0]])
     return way.T @ np.diag([mass, mass, about_centre]) @ way

@@ -82,8 +82,8 @@ class LinearMotions:
 
     @property
     def levels(self) -> dict[str, list[float]]:
-        """Extremes of heave, pitch, and a chamber's pressure, flow and level, and mean powers, by names of
-        series."""
+        """Extremes of the bodies' heave and pitch and of the chambers' pressure, flow and level, and mean
+        powers, by the names of the series."""
         air = {name: float(abs(x)) for name, x in self.swings.items() if name.startswith(AIR)}
         found = {name: [-size, size] for name, size in air.items()}
         for body in self.motions:
@@ -281,7 +281,10 @@ class _Response:
         return -(stiffness - 2j * np.pi / given_waves(self.case).period * damping) * s
 
     def _named(self, found: LinearBodies, moved: NDArray[Any], links: list[str]) -> LinearMotions:
-        """The response by the names of the case and its results; `moved`: motions of all bodies `[B, 3]`."""
+        """Response to the waves, under the names used in the case and in its results.
+
+        `moved`: motions of all bodies `[B, 3]`, m or rad.
+        """
         every = {link.name: link for link in self.resting.mechanism.links}
         extensions = dict(zip(links, found.extensions, strict=True))
         dampings = dict(zip(links, found.dampings, strict=True))

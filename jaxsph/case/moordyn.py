@@ -38,7 +38,8 @@ def read_moordyn(
     **Arguments**: name of the `body` that has all fairleads; `at`: position (x, z) of the file's origin in
     the tank, m; by default x = 0 and z = the water depth given in the file; `kind` of all moorings; `lines`:
     number of identical lines for each line in the file, in two dimensions per metre of width. **Raises**
-    CaseError if the file cannot be read, or has features that are not available.
+    CaseError if the file cannot be read, or has features that are not available; ValueError if `at` is not
+    valid.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise CaseError(f"{path}: must be a MoorDyn file whose name ends in {' or '.join(SUFFIXES)}")

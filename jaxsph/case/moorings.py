@@ -78,7 +78,8 @@ def _line(case: Sections, section: MooringSection, leaf: Any) -> LumpedLine:
 
 
 def check_moorings(case: Sections, geometry: Geometry) -> None:
-    """**Raises** CaseError for a mooring that does not fit into the tank, or needs too many time steps."""
+    """**Raises** CaseError for a mooring that does not fit into the tank, does not sink in water, or needs
+    too many time steps."""
     for name, section in case.mooring.items():
         _check_ends(case, geometry, name, section)
         weight = section.weight_in_water(case.fluid.rho0, case.g)

@@ -14,12 +14,12 @@ from jaxsph.waves import theory
 
 CHAMBER = 6
 """Length of a chamber, in spacings, below which a case gets a notice. The efficiency of the built-in OWC is
-0.53 to 0.57 if the chamber is 3.2 spacings long, and 0.64 if the chamber is 6.5 spacings long."""
+0.53 to 0.57 if the chamber is 3.2 spacings long, and 0.66 to 0.68 if the chamber is 6.5 spacings long."""
 SAMPLE = 0.1
 """Ratio of the sampling interval to the waves' period above which a case gets a notice."""
 SHORTER = 2.0
-"""Factor by which frequent samples may shorten the time step without a notice; they shorten it because
-a sampling interval has at least two steps."""
+"""Factor by which the sampling interval may shorten the time step without a notice. A sampling interval has
+at least two steps."""
 GAUGE = 3.0
 """Half-width of the water column that a gauge measures, in spacings."""
 NEAR = 0.8
@@ -58,8 +58,8 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
     if SHORTER * 0.5 * sample < stable:
         notes.append(
             f"output.sample_dt = {sample:g} s limits the time step to {0.5 * sample:.3g} s, but up to "
-            f"{stable:.3g} s is stable: use output.sample_dt = {2.0 * stable:.2g} s or more, with which the "
-            f"run takes {0.5 * sample / stable:.2g} of the time"
+            f"{stable:.3g} s is stable: use output.sample_dt = {2.0 * stable:.2g} s or more; the run then "
+            f"takes {0.5 * sample / stable:.2g} times as long"
         )
     return notes if case.waves is None else notes + _wave_notices(case, case.waves, geometry)
 

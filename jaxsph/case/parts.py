@@ -171,12 +171,12 @@ def make_background(case: Sections, geometry: Geometry, leaf: Any) -> tuple[Back
 
 
 ZONE_STRENGTH = 1.0
-"""Ratio of a relaxation zone's largest rate to the waves' angular frequency.
+"""Ratio of the largest relaxation rate in a zone to the waves' angular frequency.
 
-The ratio of the wave height to the target height was found for waves 1.5 spacings high and a wall that
-reflects everything. In a zone of one wavelength the ratio is 0.99 at this rate, and 1.03 at half of this
-rate. In a zone of three quarters of a wavelength the ratio is 0.95 at this rate, and 0.89 at four times this
-rate.
+The wave height was compared with the target height for waves 1.5 spacings high and a wall that reflects all
+waves. In a zone of one wavelength the wave height is 0.99 of the target height at this rate, and 1.03 at half
+of this rate. In a zone of three quarters of a wavelength it is 0.95 of the target height at this rate, and
+0.89 at four times this rate.
 """
 
 

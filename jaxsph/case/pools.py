@@ -32,7 +32,7 @@ NARROW = 3.0
 
 CutAt = Callable[[float], Any]
 """Water at a level (m) that is connected with a chamber's point, as a polygon of `shapely`; None if the point
-is in a solid, or if the water is connected with the waves."""
+is in a solid, or if this water is connected with the open water outside the chamber."""
 
 
 class Pool(NamedTuple):
@@ -45,7 +45,7 @@ class Pool(NamedTuple):
     corners: np.ndarray
     """Corners `[K, 2]` (x, y) (m) of the water surface at rest."""
     tip: float
-    """Level of the upper edge of the highest opening under a wall, m. Air escapes if water falls
+    """Level of the upper edge of the highest opening under a wall, m. Air escapes if the water falls
     below this level."""
     top: float
     """Level at which the walls end or the roof begins, m."""
@@ -119,7 +119,7 @@ def _carrier(key: str, body: str, tank: Tank) -> AbstractShape:
 def _pool(key: str, section: ChamberSection, tank: Tank) -> Pool:
     """Water surface of a chamber in three dimensions, around the point `at` of its section.
 
-    **Raises** CaseError, which names the section `key`, if this water cannot carry a chamber.
+    **Raises** CaseError, which names the section `key`, if the solids around `at` do not form a chamber.
     """
     if not isinstance(section.at, tuple):
         instead = "" if section.between is None else ", instead of between"
@@ -177,8 +177,8 @@ def _cuts(
 ) -> CutAt:
     """Function that returns the enclosed water around a point (x, y) (m) at any level; see `CutAt`.
 
-    Water is connected with the waves if it reaches the lowest x of the `box`, given by two corners (m). The
-    section is sampled at points that are `fine` spacings dx (m) apart.
+    Water that reaches the lowest x of the `box`, given by two corners (m), counts as connected with the open
+    water. The section is sampled at points that are `fine` spacings dx (m) apart.
     """
     (low, high), side = box, fine * dx
     x, y = (np.arange(a - 2.0 * side, b + 2.5 * side, side) for a, b in zip(low, high, strict=True))

@@ -130,7 +130,7 @@ def _coast(case: Sections) -> tuple[Result, ...]:
 
 
 def _overtopping(name: str, record: Record) -> Scalars:
-    """Mean flow over the crest of a solid, m2/s, from the increase of the water behind it over the window."""
+    """Mean flow over the crest of a solid, m2/s: rise of the water volume behind the crest in the window."""
     window = record.window
     if not window.periods:
         return {}
@@ -244,7 +244,9 @@ def _energy_of_a_group(case: Sections, record: Record) -> dict[str, float]:
     if power is None:
         return results
     if not np.all(record.window.over):
-        raise ValueError("the run was changed while the group was passing; start a new run with the new keys")
+        raise ValueError(
+            "the run was changed while the group was passing; start a new run with the changed values"
+        )
     t, x = record.t, _device_x(case)
     come = incident_energy(case, x, travel_time(case, x), float(t[-1])) / whole if t[-1] > 0.0 else 0.0
     if come < WHOLE:

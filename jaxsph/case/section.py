@@ -76,7 +76,7 @@ def by_name(annotation: Any) -> bool:
 
 
 def choice(names: Collection[str], what: str) -> str:
-    """Advice to choose one of the `names`, in words, or that the case has no `what` if there are no names."""
+    """Advice to choose one of the `names`, as text; without names, statement that the case has no `what`."""
     return f"choose from {', '.join(names)}" if names else f"the case has no {what}"
 
 

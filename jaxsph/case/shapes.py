@@ -205,7 +205,7 @@ def _tensor_about_centre(section: BodySection, shift: np.ndarray, key: str) -> n
         tensor[i, j] = tensor[j, i] = value
     about = tensor - shift
     moments = np.linalg.eigvalsh(about)
-    # the sum of two principal moments is never less than the third one; a flat body has equality
+    # no principal moment exceeds the sum of the other two; for a flat body it may equal this sum
     if moments[0] <= 0.0 or moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-6):
         listed = ", ".join(f"{one:.4g}" for one in moments)
         raise CaseError(

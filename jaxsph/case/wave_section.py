@@ -19,7 +19,7 @@ Waves = tuple[NDArray[np.complexfloating], NDArray[np.floating]]
 
 
 class AbstractWavesSection(Section, abc.ABC):
-    """Waves made by a piston at x = 0."""
+    """Waves made by a paddle at x = 0, or by a relaxation zone in front of the paddle."""
 
     height_key: ClassVar[str]
     """Name of the key that sets the wave height."""

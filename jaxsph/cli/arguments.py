@@ -46,7 +46,7 @@ ProfiledName = Annotated[
     str,
     typer.Argument(
         metavar="CASE",
-        help="As for `jaxsph run`, or the file of a run, whose last checkpoint is then measured.",
+        help="As for `jaxsph run`, or the file of a run: steps after its last checkpoint are then measured.",
         autocompletion=complete_case,
     ),
 ]

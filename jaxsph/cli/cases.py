@@ -51,7 +51,7 @@ def profile(
     quick: Quick = False,
     devices: Devices = None,
 ) -> None:
-    """Measure where the wall time of a time step goes: search, pressure solver, probes and other parts."""
+    """Measure the wall time of each part of a time step: search, pressure solver, probes and others."""
     import jaxsph as js
 
     with messages():
@@ -67,7 +67,7 @@ def profile(
         rows.append(("recording", f"{found.recording / found.step:6.1%} of the time step, in addition to it"))
         compiled = f"{found.lowering:.3g} s to write the program, {found.compilation:.3g} s to compile it"
         rows.append(("start", f"{compiled} without the cache"))
-        slower = f"steps took {found.slowdown:.2f} times as long while they were traced"
+        slower = f"steps took {found.slowdown:.2f} times as long while they were profiled"
         rows.append(("accuracy", f"{slower}; the parts are corrected for this"))
         print_table(rows)
 

@@ -13,7 +13,7 @@ from jaxsph.cli.studies import INTERRUPTED, announce, cluster, compile_as_member
 from jaxsph.cli.terminal import messages, print_notes, print_table
 
 FAR_OFF = 0.1
-"""Relative spread of a damping coefficient (-) above which the command prints a note."""
+"""Ratio of a damping coefficient's standard deviation to its value above which the command prints a note."""
 
 
 Amplitude = Annotated[
@@ -55,7 +55,11 @@ def coefficients(  # its arguments are the options of the command
     amplitude: Amplitude = None,
     height: Annotated[
         float | None,
-        typer.Option(metavar="M", help="Height of the waves on the held bodies, m; default: waves.H."),
+        typer.Option(
+            metavar="M",
+            help="Height of the waves on the held bodies, m; default: waves.H of regular waves, otherwise "
+            "twice the default amplitude.",
+        ),
     ] = None,
     cycles: Annotated[int, typer.Option(help="Number of periods that are averaged.")] = 5,
     settings: Settings = None,
@@ -143,7 +147,8 @@ def _rows(found: Any) -> list[tuple[str, str]]:
             )
             if found.linear is not None:
                 A, B, Y = found.linear.A[w, i, i], found.linear.B[w, i, i], found.linear.X[w, i]
-                values = (*values, f"linear theory {A:.4g}, {B:.4g}, {abs(Y):.4g} and {np.angle(Y):.3f} rad")
+                theory = f"A = {A:.4g}, B = {B:.4g}, |X| = {abs(Y):.4g}, phase {np.angle(Y):.3f} rad"
+                values = (*values, f"linear theory: {theory}")
             name = f"{mode.motion} of {mode.body}" if several else mode.motion
             rows.append((f"{name}, T = {2.0 * np.pi / omega:.4g} s", "; ".join(values)))
     return rows

@@ -119,7 +119,7 @@ def watch(
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port; default: any free port.")] = 0,
     show: Annotated[bool, typer.Option("--show", help="Open the page in the browser.")] = False,
 ) -> None:
-    """Show a run in progress in the browser, updated after every chunk; end with Ctrl-C."""
+    """Show a run in progress in the browser, updated at every checkpoint; end with Ctrl-C."""
     import threading
 
     from jaxsph.report.watch import Watch

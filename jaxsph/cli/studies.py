@@ -223,7 +223,7 @@ def optimise(  # its arguments are the options of the command
     spread: Annotated[
         float, typer.Option(help="Largest change of the parameter to either side, as a share of its value.")
     ] = 0.3,
-    evaluations: Annotated[int, typer.Option(help="Largest number of evaluations in the search.")] = 10,
+    evaluations: Annotated[int, typer.Option(help="Largest number of points that are evaluated.")] = 10,
     table: Annotated[
         Path | None,
         typer.Option(metavar="CSV", help="Scatter table of Hs, Tp and share or hours, for the annual P_owc."),

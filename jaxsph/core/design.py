@@ -65,8 +65,8 @@ def least_stress(dim: int, support: float, lowest: int = 3, terms: int = 7) -> P
 
 def _slopes(lowest: int, terms: int, dim: int) -> NDArray[np.float64]:
     """Slopes (-) of the normalised powers towards the centre, `[100, terms]`, at 100 points from the edge of
-    the support to its centre, up to a positive factor that is the same for all powers."""
-    left = np.linspace(0.0, 1.0, 100)[:, None]  # 1 - (r/R)^2; all slopes contain its power lowest - 1
+    the support to its centre, without a positive factor that all powers have in common."""
+    left = np.linspace(0.0, 1.0, 100)[:, None]  # 1 - (r/R)^2; its power lowest - 1 is omitted
     powers = np.arange(lowest, lowest + terms)
     return powers / [power_integral(int(n), dim) for n in powers] * left ** (powers - lowest)
 

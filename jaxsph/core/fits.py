@@ -24,7 +24,7 @@ RIDGE = 1e-6
 
 This weight makes the polynomial unique where a particle has too few neighbours to determine it, as in spray.
 Where there are enough neighbours, the weight changes the polynomial by a relative amount of the order of
-1e-6. The weight is ten times the rounding error of float32.
+1e-6. The weight is about ten times the rounding error of float32.
 """
 
 

@@ -49,8 +49,9 @@ class Gaussian(AbstractKernel):
     dimensions and by 2e-5 in three dimensions.
 
     The truncation leaves a step of exp(-reach^2) times W(0). Because of this step a lattice under pressure
-    resists deformation, which causes noise. With the truncation at 3.5h a standing wave loses 0.1 % of its
-    amplitude in a second (`python -m experiments run standing_wave`); with a truncation at 3h it lost 1.9 %.
+    resists deformation, which causes noise. With the truncation at 3.5h a standing wave loses less than
+    0.1 % of its amplitude in a second (`python -m experiments run standing_wave`); with a truncation at 3h
+    the wave lost 1.9 %.
     """
 
     width: ClassVar[float] = 1.0
@@ -177,7 +178,7 @@ class Polynomial(AbstractKernel):
         return left ** (self.lowest - 1) * _horner(derived, left) * (-2.0 / (self.reach * h) ** 2)
 
     def _parts(self, r2, h, dim):
-        """1 - (r/R)^2, at least zero, and the coefficients of its powers (m^-dim)."""
+        """1 - (r/R)^2 in the support, 0 outside, and the coefficients of its powers (m^-dim)."""
         R = self.reach * h
         return jnp.maximum(1.0 - r2 / (R * R), 0.0), [
             share / power_integral(n, dim) / R**dim for n, share in enumerate(self.shares, self.lowest)

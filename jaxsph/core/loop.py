@@ -63,11 +63,11 @@ def blocks(
 ) -> tuple[S, Any]:
     """State after n_blocks blocks of steps_per_block steps, and the readings of each block.
 
-    In each block `prepare` makes the tables, `begin` takes the readings and makes the changes that are due
-    once per block, and then the steps run. Readings are taken at the start of a block, so that an interrupted
-    run can be resumed from any block with identical results. `over`: loop over the blocks, `every_block` or a
-    result of `first_blocks`. Reverse mode stores the state and the tables of every block and the pair
-    sums of every step, and recomputes all other arrays.
+    In each block `prepare` makes the neighbour tables, `begin` takes the readings and makes the changes that
+    are due once per block, and then the steps run. Readings are taken at the start of a block, so that an
+    interrupted run can be resumed from any block with identical results. `over`: loop over the blocks,
+    `every_block` or a result of `first_blocks`. Reverse mode stores the state and the tables of every block
+    and the pair sums of every step, and recomputes all other arrays.
     """
 
     @rematerialise

@@ -12,11 +12,11 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 ITERATION = "iteration"
-"""Scope of an iteration of the pressure solver."""
+"""Name under which profilers show an iteration of the pressure solver."""
 
 
 class Part(enum.Enum):
-    """Part of a time step, by its name in a profile."""
+    """Part of a time step; the value is the part's name in a profile."""
 
     SEARCH = "neighbour search"
     GHOSTS = "ghosts of the walls"

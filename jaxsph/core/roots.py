@@ -25,8 +25,9 @@ def increasing_root(
     """Zero between `low` and `high` of an increasing function; if there is no zero, the end at which the
     function is closer to zero.
 
-    Newton's steps that leave the interval of the root are replaced by bisection. The number of steps is
-    fixed, so that `increasing_root` can be vectorised. `function` is called with the unknown and the
+    The method is Newton's. Bisection replaces every Newton step that leaves the interval of the root, and
+    every second Newton step until the iteration has nearly converged. The number of steps is fixed, so that
+    `increasing_root` can be vectorised. `function` is called with the unknown and the
     `parameters`. The derivative of the root with respect to the parameters follows from the implicit function
     theorem. The derivative is zero where there is no root.
     """

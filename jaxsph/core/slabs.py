@@ -82,7 +82,7 @@ SPLIT_SOURCES = Sources(split(1), WHOLE, split(1))
 
 
 class Slabs(eqx.Module):
-    """Devices with a slab of particles each, and the largest number of particles in a halo."""
+    """Devices, each with one slab of particles, and the number of particles in a halo."""
 
     devices: tuple[Any, ...] = eqx.field(static=True, default=(None,))
     """Devices, from the first slab along the tank to the last."""

@@ -58,7 +58,7 @@ def gather(a: Array, index: Int[Array, " N"]) -> Array:
 
 @gather.defjvp
 def _(primals, tangents):
-    # a custom_vmap cannot be transposed, so that derivatives use the plain gather
+    # a custom_vmap cannot be transposed: derivatives use the plain gather instead
     a, index = primals
     return gather(a, index), gather_linearly(tangents[0], index)
 

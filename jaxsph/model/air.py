@@ -156,11 +156,11 @@ class AbstractPTO(eqx.Module):
 
 
 class Pressed(NamedTuple):
-    """Pressure and flows of a chamber's air over a step, from the laws of the air and of the power
-    take-off."""
+    """Pressure and flows of the air in a chamber or a duct over a step, from the laws of the air and of the
+    power take-off."""
 
     P_a: Scalar
-    """Gauge pressure of the air, Pa."""
+    """Gauge pressure of a chamber's air, or pressure drop along a duct, Pa."""
     passed: Scalar
     """Flow through the power take-off, m3/s (m2/s in 2-D)."""
     pto: AbstractPTO

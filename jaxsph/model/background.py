@@ -20,7 +20,7 @@ class Background(eqx.Module):
     0.56 m deep therefore starts to move at the tip of a wall one spacing thick, at up to 0.05 m/s. The water
     stays nearly at rest with the background pressure (`python -m experiments run thin_wall`), or if the wall
     is as thick as the support. With (p_i - R_i) + (p_j - R_j) in the sum, and -grad R added, the pressure
-    gradient is the same to second order in h, and the sum contains little pressure at the tip.
+    gradient is the same to second order in h, and the pressures that remain in the sum are small at the tip.
 
     The pair forces stay antisymmetric, and the exchange of kinetic and compression energy stays exact. The
     energy balance gains the term sum V R, which changes with the packing of the particles and is counted as

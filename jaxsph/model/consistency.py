@@ -12,8 +12,8 @@ from jaxsph.model.interfaces import Model
 __all__ = ["RESERVED", "check_parts", "part_states"]
 
 RESERVED = ("id", "p", "step", "time", "u", "x")
-"""Names that no moving part may have, because a snapshot stores fields of the particles under these names and
-the positions of the parts under the parts' names."""
+"""Names that no moving part and no link may have, because a snapshot stores the fields of the particles, the
+time and the step under these names, and the poses of the parts and the points of the links under theirs."""
 
 
 def part_states(model: Model, dtype: np.dtype | type) -> dict[str, Any]:
@@ -25,9 +25,9 @@ def part_states(model: Model, dtype: np.dtype | type) -> dict[str, Any]:
 def check_parts(model: Model) -> None:
     """Checks that the parts of a model are consistent.
 
-    **Raises** ValueError if parts share a name or an energy, a part has a name of `RESERVED`, a duct ends at
-    an unknown chamber, a model with body forces has a movable body, or the ghosts of moving solids do not
-    match the ghosts of the walls.
+    **Raises** ValueError if two parts have the same name or an energy of the same name, a part has a name of
+    `RESERVED`, a duct ends at an unknown chamber, a model with body forces has a movable body, or the ghosts
+    of moving solids do not match the ghosts of the walls.
     """
     names = [part.name for part in model.parts]
     energies = [name for part in (*model.parts, model.scheme) for name in part.entries()]

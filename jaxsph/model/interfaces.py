@@ -5,7 +5,8 @@ the step. A part stores its evolving state in `state.parts` under its `name` and
 `state.ledger`. In two dimensions all quantities are per metre of width.
 
 The interfaces of schemes and chambers and the class `Model` refer to each other, and therefore share this
-file. The interfaces of solids (`model.solids`) and of air and power take-offs (`model.air`) do not use it.
+file. The interfaces of solids (`model.solids`) and of air and power take-offs (`model.air`) do not refer to
+`Model`.
 """
 
 from __future__ import annotations
@@ -301,7 +302,7 @@ class Model(eqx.Module):
     solids: tuple[AbstractSolid, ...]
     """Solids at rest."""
     moving: tuple[AbstractWall, ...]
-    """Walls whose motion is prescribed."""
+    """Moving walls: paddles and driven solids."""
     bodies: tuple[AbstractBody, ...]
     """Rigid bodies."""
     links: tuple[Link, ...]

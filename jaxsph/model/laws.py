@@ -46,7 +46,8 @@ def density_deviation(p: jax.Array, c0: jax.Array) -> jax.Array:
 def moment_matrix(pair: Pair, i: Fields, j: Fields) -> tuple[jax.Array, ...]:
     """Moment matrix sum (x_j - x_i) (x) grad W V_j (-), upper triangle.
 
-    The inverse of the matrix is L of Eq. 9, and its trace is the divergence of position of Eq. 15.
+    The inverse of the matrix is L of Eq. 9, and the trace of the matrix is the divergence of position of
+    Eq. 15.
     """
     w = -pair.F * water_volume(j)
     return outer_upper(pair.r, tuple(w * r for r in pair.r))

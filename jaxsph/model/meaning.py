@@ -19,9 +19,9 @@ class Exchange(enum.Enum):
     """Direction in which an energy of the ledger passes between the water and a part."""
 
     GIVEN = "given"
-    """Energy given to the water by a moving part."""
+    """Energy given to the water, for example by a paddle."""
     TAKEN = "taken"
-    """Energy taken from the water and lost."""
+    """Energy taken from the water and not harvested."""
     HARVESTED = "harvested"
     """Energy taken from the water by a power take-off."""
 

@@ -219,7 +219,7 @@ class Mechanism(NamedTuple):
     def pulls(
         self, kinematics: Kinematics, parts: Mapping[str, Any], t: Scalar, g: Float[Array, " D"]
     ) -> tuple[Float[Array, " n"], dict[str, tuple[Extension, Pull]]]:
-        """Generalised forces on the coordinates without the water's pressure, and the pulls of links.
+        """Generalised forces without the water's pressure, and extension and `Pull` of every link by name.
 
         The forces (N or N m) are the bodies' weights, the forces of the links, and the contact forces of the
         water in the last step.

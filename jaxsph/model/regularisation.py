@@ -88,8 +88,8 @@ class Regularisation(eqx.Module):
     **Hyperviscosity** damps the part of the velocity that a local polynomial of second degree does not fit.
     Around every particle i, the polynomial P_i is fitted to the velocity differences u_j - u_i of the
     neighbours by least squares, with weights w_ij proportional to V_j (1 - |r_ij|^2/R^2)^2, whose sum over a
-    lattice is 1; R is the radius of the support. The velocities follow the negative gradient of the squared
-    residuals, du_i/dt = hyperviscosity sqrt(g/h) sum_j w_ij (e_ij - e_ji), where
+    lattice is 1; R is the radius of the support. The velocities change along the negative gradient of the
+    weighted sum of squared residuals, du_i/dt = hyperviscosity sqrt(g/h) sum_j w_ij (e_ij - e_ji), where
     e_ij = u_j - u_i - P_i(x_j - x_i) is the residual at the neighbour. The kinetic energy therefore never
     grows, and velocities up to second degree in space are not damped, not even beside walls and surfaces.
     Disorder of the particles adds noise to their velocities that varies from one particle to the next. Noise

@@ -73,7 +73,10 @@ class AbstractSpace(abc.ABC):
 
     @abc.abstractmethod
     def velocity(self, pose: Float[Array, "*A P"], change: Float[Array, "*A P"]) -> Float[Array, "*A V"]:
-        """Velocity (m/s, rad/s) of a body whose pose changes at the rate `change` (1/s)."""
+        """Velocity (m/s, rad/s) of a body whose pose changes at the rate `change`.
+
+        The rate is in m/s for the displacements, and in 1/s for the rotation.
+        """
 
     @abc.abstractmethod
     def directions(self, r: Float[Array, "N D"]) -> Float[Array, "V N D"]:

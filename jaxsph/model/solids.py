@@ -38,7 +38,8 @@ class AbstractSolid(eqx.Module):
         """Acceleration of particles at x (m) due to the contact spring of the solid's surface, m/s2.
 
         The spring (`solids.contact.spring`) keeps particles from touching the solid. **Arguments**: `motion`:
-        the solid's state, `State.parts[name]`, or None at rest; `dx`: spacing, m; `c0`: speed of sound, m/s.
+        the solid's state, `State.parts[name]`, or None at rest; `dx`: spacing, m; `c0`: speed that sets the
+        stiffness of the spring, m/s.
         """
 
     @abc.abstractmethod
@@ -90,7 +91,7 @@ class AbstractMovingSolid(AbstractSolid, AbstractPart):
 
 
 class AbstractWall(AbstractMovingSolid):
-    """A moving solid with a prescribed motion: a piston, a rocking bed."""
+    """A moving solid whose motion does not follow from the forces on the solid: a piston, a rocking bed."""
 
     @abc.abstractmethod
     def move(
@@ -197,8 +198,9 @@ class AbstractBody(AbstractMovingSolid):
     """A rigid body with V motions: surge, heave and pitch in 2-D, six motions in 3-D (`model.rigid`).
 
     Its state in `State.parts` has the fields `q` and `rates` (coordinates of the joint and their rates),
-    `pose` and `velocity` (of the pivot, and of the rotation about it), `force` and `contact` (the water's
-    forces in the last step, and moments about the pivot) and `impulse` (their time integral).
+    `pose` and `velocity` (of the pivot, and of the rotation about it), `force` (of the water's pressure and
+    the air of the body's chambers) and `contact` (of the water's contact), both in the last step and with
+    moments about the pivot, and `impulse` (time integral of both forces).
     """
 
     joint: eqx.AbstractVar[AbstractJoint]

@@ -31,7 +31,7 @@ class Solution(eqx.Module):
     notices: tuple[str, ...] = eqx.field(static=True, default=())
     """Notices about the averaging of the results, and about results that could not be computed."""
     labels: Mapping[str, Label] = eqx.field(static=True, default_factory=dict)
-    """Labels of the results that the package itself does not define, by name."""
+    """Labels of the problem's results, by name."""
 
     @property
     def t(self) -> np.ndarray:

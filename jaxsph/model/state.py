@@ -205,7 +205,7 @@ class State(eqx.Module):
 class Search(eqx.Module):
     """Neighbour search, with the sizes of its tables and its interval.
 
-    They are set when the model is built, and adjusted during a run.
+    Sizes and interval are set when the model is built, and adjusted during a run.
     """
 
     grid: Grid
@@ -233,17 +233,17 @@ class Search(eqx.Module):
 
 
 class Pressures(eqx.Module):
-    """Pressures of water and ghosts, and the accelerations and forces of the bodies due to these
-    pressures."""
+    """Pressures of water and ghosts, the forces of these pressures on the bodies, and the accelerations of
+    the bodies' coordinates."""
 
     p: Float[Array, " N"]
     """Pressure of the water, Pa."""
     p_ghosts: Float[Array, " G"]
     """Pressure of the ghosts, Pa."""
     accelerations: tuple[Float[Array, " n"], ...]
-    """Accelerations of the bodies' coordinates due to forces, m/s2 or rad/s2; empty without bodies."""
+    """Accelerations of the bodies' coordinates due to all forces, m/s2 or rad/s2; empty without bodies."""
     forces: dict[str, Float[Array, " V"]]
-    """Generalised forces on the bodies (N, N m; per metre in 2-D) by the body's name."""
+    """Generalised forces of the pressures on the bodies (N, N m; per metre in 2-D), by the body's name."""
 
     def plus(self, factor: Scalar, other: Pressures) -> Pressures:
         """Sum of these pressures and `factor` times the pressures `other`."""
@@ -266,7 +266,7 @@ class Tables(eqx.Module):
     fluid: Neighbours
     """Particles and ghosts around every particle."""
     images: Chosen
-    """Particles that the ghosts of plane walls mirror; these come first among all ghosts."""
+    """Particles that the ghosts of plane walls mirror; these ghosts come first among all ghosts."""
     nodes: PointNeighbours
     """Particles around the interpolation nodes of the other ghosts."""
     around: dict[str, PointNeighbours]

@@ -136,7 +136,7 @@ def average_of(model: Model, state: State, tables: Tables) -> Average:
     self_weight = V * smoothing.kernel.value(jnp.zeros_like(V), h, dim)
     none = jnp.zeros_like(volume)
     # pushes[k][a]: a ghost's volume if component k is even across its wall and axis a is normal to the wall,
-    # or 0
+    # otherwise 0
     normal, even = walls.mirror == -1.0, walls.mirror != -1.0
     pushes = tuple(
         tuple(jnp.where(even[:, k] & normal[:, a], volume, 0.0) for a in range(dim)) for k in range(dim)

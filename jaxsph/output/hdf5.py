@@ -29,7 +29,7 @@ from jaxsph.output.records import Damage
 SCHEMA = 5
 """Version of the file layout. Files with a newer layout are refused. In older layouts, series and
 snapshots can be read, but not the checkpoint: layout 1 lacks the numbers derived from the case, 2 lacks
-readings of the noise, 3 has no checksums, and 4 has checksums only of its parts."""
+the readings `noise` and `rms_speed`, 3 has no checksums, and 4 has checksums only of its parts."""
 
 SEALED = 5
 """First version of the layout whose files end with a checksum."""

@@ -79,7 +79,7 @@ def checkpoint_path(run: Path) -> Path:
 
 @contextlib.contextmanager
 def beside(run: Path) -> Iterator[Journal | None]:
-    """Context with the journal of a run's file, open for reading; None if it has no checkpoint.
+    """Context with the journal of a run's file, open for reading; None if there is no checkpoint.
 
     Open the journal before the run's file: a journal is removed only after all of it is in the run's file.
     **Raises** FileError if the journal or the checkpoint is damaged.

@@ -2,8 +2,9 @@
 
 Layout (`SCHEMA`):
 
-    attributes             schema, jaxsph_version, case (the whole case as TOML text), machine, run, stage,
-                           read; since (s), if the case was changed during the run
+    attributes             schema, jaxsph_version, case (the whole case as TOML text), machine; run, stage
+                           (`journal.Owner`); read (byte up to which the journal's samples are in this file);
+                           since (s), if the case was changed during the run
     settings               attributes: settings that determine the shapes of arrays
     numbers                JSON: numbers that determine the run, such as the time step of the case
     scene                  JSON: outlines of the solids, drawn around the particles
@@ -116,7 +117,7 @@ class RunFile(RunReader):
         checkpoint: Mapping[str, np.ndarray],
         progress: Mapping[str, float],
     ) -> None:
-        """Appends samples and a snapshot and replaces the checkpoint. A killed call stores all or nothing.
+        """Appends samples and a snapshot and replaces the checkpoint; after a kill, all or nothing is stored.
 
         **Arguments**: `series`: arrays `[T]` or `[T, k]`, including "time" (s), with the same names in
         every call; `snapshot`: arrays "x", "u" `[N, D]` (m, m/s), "p" `[N]` (Pa), "id" `[N]`, and scalars

@@ -187,7 +187,7 @@ class RunReader:
             return len(view.file["snapshots"]) + len(self._snapshots(view))
 
     def snapshot(self, i: int) -> dict[str, Any]:
-        """Arrays and scalars of snapshot i, in order of writing; negative i counts from the end.
+        """Arrays and scalars of snapshot i, numbered from 0 in order of time; negative i counts from the end.
 
         **Raises** IndexError if there is no such snapshot.
         """

@@ -132,7 +132,7 @@ class Confined(eqx.Module):
 
 
 class IsentropicAir(AbstractAirLaw):
-    """Isentropic air of a given volume, (1 + P_a / p0) = (ambient volume / volume)^gamma.
+    """Isentropic air: 1 + P_a / p0 = (V0 / V)^gamma; V: volume of the air, V0: volume at ambient pressure.
 
     Flow through the power take-off is counted at ambient density, and air that flows in has the ambient
     entropy (Falcao and Justino 1999, Ocean Engineering 26). Over a step the air acts as a spring, linearised

@@ -38,7 +38,7 @@ ADRIFT = ("surge", "sway", "yaw")
 
 
 class BodyMotion(eqx.Module):
-    """Motion of a rigid body at time t, and the water's force on it."""
+    """Motion of a rigid body at time t, and the forces of water and air on the body."""
 
     q: Float[Array, " k"]
     """Coordinates of the body's joint, m or rad."""
@@ -57,7 +57,7 @@ class BodyMotion(eqx.Module):
     This force acts on the body in the next step.
     """
     impulse: Tally
-    """Impulse `[V]` of the water's force, N s, N m s (per metre in 2-D)."""
+    """Impulse `[V]` of `force` and `contact`, N s, N m s (per metre in 2-D)."""
 
 
 class RigidBody(PosedSolid, AbstractBody):

@@ -144,9 +144,10 @@ class Chamber(AbstractChamber):
     def readings(self, dim):
         """See `AbstractPart`."""
         area, flow, width = ("m2", "m2 s-1", " per unit width") if dim == 2 else ("m3", "m3 s-1", "")
+        measured = "the middle of the zone in which the flow is measured"
         found = {
             "chamber_level": Reading("m", "mean elevation of the chamber's surface above still water"),
-            "chamber_volume": Reading(area, "water in the chamber above the level where flow is measured"),
+            "chamber_volume": Reading(area, f"volume of water{width} in the chamber above {measured}"),
             "P_a": Reading("Pa", "gauge pressure of the chamber's air, positive when compressed"),
             "flow": Reading(flow, f"flow of air out of the chamber{width}"),
             "flow_mean": Reading(flow, "flow out of the chamber, mean since the last sample"),

@@ -24,7 +24,7 @@ from jaxsph.parts.moorings import AbstractMooringLaw, span_and_height, upright
 __all__ = ["Bed", "LineMotion", "LumpedLine", "Morison"]
 
 SMALL_SPEED = 1e-6
-"""Speed below which drag is linear, m/s; keeps the derivative of drag finite at rest."""
+"""Speed below which drag is linear, so that the derivative of drag is finite at rest, m/s."""
 LEAST_ACROSS = 1e-3
 """Smallest ratio of horizontal force to weight of a chain at rest (-). With a smaller force all segments
 would be vertical. The height of the chain would then hardly depend on the vertical force, so that the
@@ -151,7 +151,7 @@ class LumpedLine(AbstractMooringLaw):
         return self._whole(own.x, own.u, own.end, jnp.zeros_like(own.end))[0]
 
     def stable_step(self) -> float:
-        """Largest stable step (s) of the line, from the stiffness and damping of its segments and the bed.
+        """Largest stable step (s), from the stiffness of segments and bed and the segments' damping.
 
         A step dt is stable for dt w < 2 (sqrt(1 + c^2) - c), with the largest angular frequency w of the
         chain of masses and springs, and the damping ratio c at this frequency.

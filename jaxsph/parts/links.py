@@ -29,7 +29,7 @@ __all__ = [
 
 
 class BetweenPoints(AbstractEnds):
-    """Straight link between two points; its extension is its length minus `rest`."""
+    """Ends of a straight link between two points; the extension is the length of the link minus `rest`."""
 
     first: str = eqx.field(static=True)
     """Name of the body at the first end; empty for the tank."""
@@ -64,7 +64,7 @@ class BetweenPoints(AbstractEnds):
 
 
 class AlongJoint(AbstractEnds):
-    """Link along one coordinate of a body's joint, between the body and the tank or the body's parent."""
+    """Ends of a link along one coordinate of a body's joint: the body, and its parent or the tank."""
 
     body: str = eqx.field(static=True)
     """Name of the body."""
@@ -276,8 +276,8 @@ class HydraulicTakeOff(AbstractLaw):
     def stored(self, own, s):
         """See `AbstractLaw`: the work of compressing the gas against p0."""
         squeezed, over = -jnp.log1p(-own / self.volume), self.gamma - 1.0
-        # work / (p0 V0) = (exp(over * squeezed) - 1) / over; at constant temperature over = 0, the limit is
-        # `squeezed`
+        # work / (p0 V0) = (exp(over * squeezed) - 1) / over, which tends to `squeezed` as over tends to 0
+        # (constant temperature)
         warm = jnp.where(over == 0.0, 1.0, over)
         work = jnp.where(over == 0.0, squeezed, jnp.expm1(warm * squeezed) / warm)
         return self.pressure * (self.volume * work - own) + 0.0 * s

@@ -62,7 +62,7 @@ def upright(line: Float[Array, "K 2"], s: Float[Array, " D"]) -> Float[Array, "K
 
 
 class AbstractMooringLaw(AbstractLaw):
-    """Force of a mooring on its fairlead, as a function of the vector from the anchor to the fairlead."""
+    """Law of the force on a fairlead; the extension is the vector from the anchor to the fairlead."""
 
     @abc.abstractmethod
     def anchor_tension(self, own: Any, s: Float[Array, " D"]) -> Scalar:

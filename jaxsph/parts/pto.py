@@ -254,7 +254,10 @@ def _turbine(pto: AbstractPTO) -> AbstractTurbine:
 
 
 class ClosedPTO(AbstractPTO):
-    """Chamber without an opening to the ambient air. Displaced air leaves through ducts or is compressed."""
+    """Power take-off of a chamber without an opening to the ambient air: no air flows through it.
+
+    The air that the water displaces leaves through ducts or is compressed.
+    """
 
     def entries(self, whose):
         """See `AbstractPTO`: there are no entries."""
@@ -278,7 +281,7 @@ class ClosedPTO(AbstractPTO):
 
 
 class PrescribedPressure(AbstractPTO):
-    """Prescribed air pressure that rises linearly to `P_a` over `ramp` and then stays constant."""
+    """Power take-off that prescribes the pressure: a linear rise to `P_a` over `ramp`, then a constant."""
 
     P_a: Scalar
     """Gauge pressure at the end of the rise, Pa."""

@@ -34,7 +34,7 @@ class RelaxationZone(AbstractDamper):
     deviation from the given waves, and the zone damps them as a sponge does. The method follows Jacobsen,
     Fuhrman and Fredsoe (2012) and Altomare et al. (2018), with two differences. Velocities are relaxed at a
     rate (1/s) instead of with a fixed weight in every step, so that the result does not depend on the time
-    step. The wall behind the zone moves with the waves' mean flow.
+    step. The wall behind the zone moves with the waves' depth-averaged flow.
     """
 
     waves: AbstractWaves

@@ -1,4 +1,4 @@
-"""Default probes of a model, chosen by its parts."""
+"""Default probes of a model, selected according to its parts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Probe of the particles' noise: difference between each particle's velocity and the flow around it."""
+"""Probe of the particles' noise: velocity of each particle minus the velocity of the flow around it."""
 
 from __future__ import annotations
 

@@ -102,7 +102,7 @@ def _axes(x: Float[Array, "k D"]) -> str:
 
 
 def _interpolated(points: Float[Array, "k D"], model: Model, state: State, field) -> Float[Array, "k F"]:
-    """Kernel averages, at points (m), of `field(r)` `[N, F]`; r (m) leads from the particles to a point."""
+    """Kernel averages, at points (m), of `field(r)` `[N, F]`; r: vectors (m) from particles to a point."""
     p, V = state.particles, model.scheme.volume(state.particles)
     smoothing = model.scheme.smoothing
 

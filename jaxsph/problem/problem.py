@@ -207,7 +207,7 @@ def _begun(model: Model, before: Model, state: State) -> State:
 
 def energy_of_power(sample_dt: float) -> MeanOfRecord:
     """Function from a whole record of power, sampled every `sample_dt` (s), to the energy, J (J/m in 2-D)."""
-    # a reading of power is the mean since the previous sample; the first sample has no interval
+    # a reading of power is the mean since the previous sample; at the first sample it is zero
     total = PowerMean(lambda power: float(np.sum(power)) * sample_dt)
     return lambda *_: total
 

@@ -64,7 +64,7 @@ class Program:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the function's file, or of its own source text; empty if the file cannot be read."""
+        """SHA-256 of the function's file (without one, of its source text); empty for an unreadable file."""
         try:
             text = (
                 Path(self._place.rpartition(":")[0]).read_bytes() if self._place else _text_of(self._function)

@@ -94,7 +94,7 @@ class AbstractAveraging(eqx.Module):
 
 
 class WholeRecord(AbstractAveraging):
-    """Means over the whole record after the last change during the run."""
+    """Averaging over the whole record after the last change of the problem during its run."""
 
     def window(self, t, powers, since):
         """See `AbstractAveraging.window`."""

@@ -43,7 +43,8 @@ def _energy(averaged: bool, record: Record) -> Scalars:
 def _noise(record: Record) -> Scalars:
     """Ratio of the particles' noise to their speed, both RMS; empty for water at rest.
 
-    The RMS are over the settled whole periods or, without such periods, over the last tenth of the window.
+    The RMS values are over the settled whole periods or, without such periods, over the last tenth of the
+    window.
     """
     series, window = record.solution.series, record.window
     if "noise" not in series:

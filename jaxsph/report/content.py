@@ -350,7 +350,10 @@ def _of_sea(case: Case, series: dict[str, np.ndarray], pack: Pack) -> dict[str, 
         {"name": "target spectrum", "f": f, "S": asked.density(np.maximum(f, 1e-9)), "dash": True},
     ]
     band = {"f": pack.array(f), "low": pack.array(low), "high": pack.array(high)}
-    about = f"Hm0 = {sea.incident.Hm0:.3g} m, reflection {sea.coefficient:.2g}; {100 * WITHIN:g} % band"
+    about = (
+        f"Hm0 = {sea.incident.Hm0:.3g} m, reflection coefficient {sea.coefficient:.2g}; "
+        f"{100 * WITHIN:g} % confidence band"
+    )
     return _spectral(f"Spectrum of the sea: {about}", lines, pack) | {"band": band}
 
 

@@ -9,7 +9,8 @@ from jaxsph.case.results import FEW
 
 NOISY, UNBOOKED = 0.15, 0.03
 """Limits beyond which a result is doubtful: largest ratio of the particles' noise to their speed (-), and
-largest fraction of the energy that is not accounted for (-)."""
+largest residual of the energy budget relative to the paddle's work or, if that is larger, to the largest
+kinetic energy (-)."""
 
 
 class Doubt(NamedTuple):

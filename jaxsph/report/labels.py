@@ -53,10 +53,10 @@ _NUMERICS = {
     "energy_sponge": Label("  absorbed by the sponge", "J/m"),
     "energy_viscous": Label("  viscous loss", "J/m"),
     "energy_diffusive": Label(
-        "  loss by density diffusion", "J/m", "numerical loss that keeps the density smooth"
+        "  loss by density diffusion", "J/m", "numerical loss due to the smoothing of the density"
     ),
     "energy_hyperviscosity": Label(
-        "  loss by hyperviscosity", "J/m", "numerical loss that damps the noise of the particles"
+        "  loss by hyperviscosity", "J/m", "numerical loss due to the damping of particle noise"
     ),
     "energy_separation": Label("  lost in separating clumped particles", "J/m", "numerical"),
     "energy_contact": Label("  lost in contact with solids", "J/m"),

@@ -27,7 +27,7 @@ COLOURS = "viridis"
 def three() -> bytes | None:
     """Text of the library three.js, which the package `trimesh` contains for its viewer; None if missing.
 
-    The library is the first script of the viewer's page. It begins with its licence, which is kept.
+    The library is the first script of the viewer's page. The text begins with the library's licence.
     """
     try:
         packed = resources.files("trimesh") / "resources" / "templates" / "viewer.zip"
@@ -55,7 +55,7 @@ class Space:
     ) -> Space | None:
         """View of a run; None without the libraries of the extra `geometry`, or if solids cannot be drawn.
 
-        **Arguments**: `case`: None for a run without one, whose solids are not drawn; `first`: positions of
+        **Arguments**: `case`: None for a run without a case; its solids are not drawn; `first`: positions of
         the particles (m) in the first snapshot; `frames`: number of frames to be shown.
         """
         if three() is None:
@@ -91,7 +91,7 @@ class Space:
         return np.insert(found, 1, 0.5 * (self.grid.low[1] + self.upper[1]), axis=1)
 
     def content(self, read: list[dict[str, Any]], pack: Pack) -> dict[str, Any]:
-        """Data that a page needs for the view, from the frames as `read` returns them."""
+        """Data that a page needs for the view. `read`: results of the method `read`, one for each frame."""
         heights = np.stack([one["heights"] for one in read])
         levels, low, step = in_levels(heights, self.tank.dx)
         still = float(np.nanmean(heights[0])) if self.tank.depth is None else self.tank.depth

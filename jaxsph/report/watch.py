@@ -79,7 +79,10 @@ class Watch:
         self._server.server_close()
 
     def latest(self) -> tuple[str, bytes]:
-        """Hash and compressed contents of the page for the file's current state. **Raises** JaxsphError."""
+        """Hash and compressed contents of the page for the file's current state.
+
+        **Raises** JaxsphError if the file cannot be read.
+        """
         with self._lock:
             stamp = _stamp(self.path)
             if stamp != self._stamp or not self._record:

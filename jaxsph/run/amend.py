@@ -64,7 +64,7 @@ REASONS = {
     "bodies": "a change would alter the position or the mass of a body on which the water acts",
     "link": "the energy that the link has stored depends on it",
     "mooring": "the energy that the mooring has stored depends on it",
-    "probes": "the series in the file have the columns of the present probes",
+    "probes": "the series in the file are those of the present probes",
     "start": "it describes the initial state",
     "scheme": "the checkpoint's state belongs to the present scheme",
 }
@@ -72,7 +72,8 @@ REASONS = {
 
 
 UNMOVED = ("t1", "description", "output.snapshot_dt", "output.periods")
-"""Keys of `CHANGEABLE` that change neither the water's motion nor its samples, so averages do not restart."""
+"""Keys of `CHANGEABLE` that affect neither the motion of the water nor the times of the samples; if only such
+keys change, averages do not restart."""
 
 
 class Change(NamedTuple):
@@ -113,7 +114,7 @@ def amend(file: RunFile, start: Start, changes: Mapping[str, Any]) -> tuple[Star
         model, {k: v if k == "rebuild_every" else max(v, known[k]) for k, v in found.items()}
     )
     state = _carry_over(start.state, initial)
-    # Energies since the last sample belong to the old interval, but a probe divides them by the new interval.
+    # a probe divides the energies since the last sample by the new sampling interval: scale them
     parts, ledger = map_tallies(lambda tally: tally.over(dt / old_dt), (state.parts, state.ledger))
     limits = map_tallies(lambda tally: tally.over(every / old_every), state.limits)
     # the state counts steps, so convert the time to steps of the new length
@@ -181,7 +182,7 @@ def _check_laws(case: Case, new: Case) -> None:
 
 
 def _refuse_unknown(case: Case, key: str, value: Any) -> None:
-    """**Raises** CaseError if a case has no such key, and suggests the nearest key."""
+    """**Raises** CaseError, which suggests the nearest key, if a case has no such key."""
     try:
         case.replace({key: value})
     except CaseError as error:

@@ -21,7 +21,7 @@ from jaxsph.problem.trouble import Remedies, Trouble
 REPLAYS = 6
 """Largest number of attempts at one chunk, with other settings of the tables each time."""
 EARLY = 20
-"""Number of steps from the start in which a particle inside a wall is attributed to the set-up."""
+"""Number of steps from the start during which a particle inside a wall is attributed to the set-up."""
 FASTER = 1.25
 """Safety factor on the largest speed so far (-), for choosing fewer steps between searches after a stale
 table."""
@@ -35,7 +35,7 @@ def search_settings(model: Model) -> dict[str, int]:
 
 
 def slab_sizes(model: Model) -> dict[str, int]:
-    """Sizes of a model's slabs, by name; not stored, since any number of devices may resume a run."""
+    """Sizes of a model's slabs, by name; not stored, since a run may be resumed on any number of devices."""
     return {name: int(getattr(model.search.slabs, name)) for name in ("halo", "points")}
 
 
@@ -168,12 +168,12 @@ def _cause(model: Model, state: State) -> tuple[str, Trouble | str]:
         return what, Trouble.NOT_CONVERGED
     if int(status.most["halo"]) >= NARROW:
         return (
-            f"{model.search.slabs.count} devices are too many: a slab is narrower than its particles' reach",
+            f"{model.search.slabs.count} devices are too many: a slab is narrower than the search radius",
             "continue with fewer devices: jaxsph resume FILE --devices N",
         )
     if failed & Failure.NEIGHBOUR_OVERFLOW and better_settings(model, status) is None:
         # the table of images is the only one whose required size is not counted and which does not grow
-        return "water at a wall is too dense for the table of its images", Trouble.TOO_DENSE
+        return "water at a wall is too dense for the table of mirror images", Trouble.TOO_DENSE
     if failed & Failure.STALE_TABLE:
         # the tables are already rebuilt at every step, but a particle leaves their reach within one step
         return "a particle leaves the reach of its neighbour table in a single step", Trouble.TOO_FAST

@@ -30,7 +30,7 @@ With 4,100 particles per core, two cores are faster than one core by a factor of
 """
 
 WORTH_SPARING = 0.1
-"""Least number of nodes away from the water, per particle (-), for which the tables omit these nodes.
+"""Least ratio of nodes away from the water to particles (-) for which the tables omit these nodes.
 
 Omitting fewer nodes does not make a run on one device faster.
 """
@@ -44,10 +44,10 @@ def describe_machine(devices: int) -> str:
 
 
 def find_devices(count: int | None) -> tuple[jax.Device, ...]:  # pyright: ignore[reportInvalidTypeForm]
-    """The first `count` devices of the default backend, or all if None. Each core of a CPU becomes a device.
+    """The first `count` devices of the default backend, or all if None.
 
-    **Raises** CaseError if there are fewer than `count`, or if several processes share the run but do not
-    use all devices.
+    On a CPU, cores become devices if JAX has not been used yet. **Raises** CaseError if `count` is less than
+    1 or more than the number of devices, or if several processes share the run but do not use all devices.
     """
     if count is not None and count < 1:
         raise CaseError(f"devices = {count}: must be 1 or more")
@@ -101,7 +101,7 @@ def usual_devices(model: Model, state: State) -> int:
         return len(found)
     if _obstacle(model):
         return 1
-    # slabs are at least twice as wide as the particles' reach if the water is spread evenly along the tank
+    # if the water is spread evenly along the tank, a slab is at least four search radii wide
     most = min(len(found), model.search.grid.shape[0] // (4 * WIDTH))
     if found[0].platform == "cpu":
         most = min(most, len(state.particles.id) // WORTHWHILE)
@@ -120,8 +120,8 @@ def _obstacle(model: Model) -> str:
 def share(model: Model, state: State, devices: int) -> tuple[Model, State]:
     """Distributes the particles of a run over `devices` devices, in slabs along the tank.
 
-    The tables are sized for the state. On a single device the tables may also omit walls away from the
-    water.
+    The neighbour tables are sized for the state. They may omit walls away from the water, also on a single
+    device.
 
     If `devices` does not divide the number of particles, massless copies are added, which drift with the
     water and exert no forces. **Returns** the model and the state. **Raises** CaseError for a case that
@@ -192,7 +192,7 @@ def _sizes(model: Model, state: State, devices: int) -> tuple[int, int]:
     """
     cell, ghosts, nodes = (np.asarray(cells) for cells in _first_cells(model, state))
     columns = np.bincount(cell, minlength=model.search.grid.shape[0])
-    # a halo reaches over whole columns of cells and one column that the slab's edge cuts
+    # a halo consists of whole columns of cells, and of one column that the slab's edge cuts
     halo = int(np.convolve(columns, np.ones(WIDTH + 1, int)).max())
     edges = np.sort(cell)[:: len(cell) // devices][1:devices]
 

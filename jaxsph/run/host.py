@@ -95,9 +95,9 @@ def resume(
     On one device the series are bit for bit those of an uninterrupted run. `devices`: as for `run`; the
     number may differ from the previous number. `changes`: new values of the case from the checkpoint on, by
     dotted name, such as {"tank.height": 1.5}, for keys in `run.amend.CHANGEABLE`; the case in the file then
-    records the time of each change. `given`: the function or the problem that was run, because jaxsph never
-    imports code that is only named in a file; not needed for a case. **Raises** FileError, as `restore`;
-    CaseError for a change that is not possible during a run.
+    records the time of each change. `given`: the function or the problem that was run; needed unless a case
+    was run, because jaxsph never imports code that is only named in a file. **Raises** FileError, as
+    `restore`; CaseError for a change that is not possible during a run.
     """
     file = RunFile.open(path)
     find_devices(devices)
@@ -137,8 +137,8 @@ def load_start(path: str | Path, given: Any = None) -> Start:
     if file.schema != SCHEMA:
         raise FileError(
             f"{path} holds a checkpoint of layout {file.schema}, but this version resumes checkpoints "
-            f"of layout {SCHEMA} only: finish the run with the version that began it, or run the case again. "
-            "The series and snapshots of the file can still be read"
+            f"of layout {SCHEMA} only: finish the run with the version with which it began, or run the case "
+            "again. The series and snapshots of the file can still be read"
         )
     saved = file.checkpoint()
     if not saved:
@@ -155,7 +155,7 @@ def load_start(path: str | Path, given: Any = None) -> Start:
         few = "; ".join(differ[:5]) + (f"; and {len(differ) - 5} more" if len(differ) > 5 else "")
         raise FileError(
             f"{path}: the model that is built now differs from the model of the run ({few}). To avoid mixing "
-            "two models, finish the run with the version of the code that began it, or run the case again"
+            "two models, finish the run with the version with which it began, or run the case again"
         )
     return Start(source, problem, model, restored_state(problem.state, saved, path))
 
@@ -258,8 +258,8 @@ def march(
     If neighbour tables overflow or go stale, their settings are changed and the run is replayed, as in `run`.
     The returned model holds the settings that the run needed, and a further call continues from the returned
     state. The first sample is the given state; the last sample is one interval before t1.
-    **Raises** ValueError if the state is not at a sample, or t1 is not at least one sample later;
-    SimulationError, as `run`.
+    **Raises** ValueError if the time of the state is not a multiple of `sample_dt`, or if t1 is less than
+    `sample_dt` after this time; SimulationError, as `run`.
     """
     sample_every = round(sample_dt / float(model.dt))
     last = round(t1 / sample_dt) * sample_every

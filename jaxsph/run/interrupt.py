@@ -50,9 +50,9 @@ _watched = False
 
 @contextlib.contextmanager
 def hear_interrupts() -> Iterator[Interrupt]:
-    """Context in which Ctrl-C is noted instead of raising KeyboardInterrupt; the run checks for the note.
+    """Context in which Ctrl-C requests a stop of the run instead of raising KeyboardInterrupt.
 
-    Outside the main thread no signals arrive, and nothing is noted.
+    The run checks for the request after every chunk. Outside the main thread no signals arrive.
     """
     interrupt = Interrupt()
     _runs.append(interrupt)
@@ -121,7 +121,7 @@ def _listen(ear: socket.socket, words: Callable[[], str]) -> None:
 
 
 def end_with_parent() -> None:
-    """Makes a program that is `ATTACHED` end when its standard input closes; a run keeps its checkpoint."""
+    """Makes a program with the variable `ATTACHED` end when its input closes; a run keeps its checkpoint."""
     if not os.environ.get(ATTACHED):
         return
 

@@ -20,7 +20,7 @@ from jax.experimental import multihost_utils
 from jaxsph.errors import CaseError, SimulationError
 
 AUTO = "auto"
-"""Value of `place` if Slurm or MPI provides the index and the address of the process."""
+"""Value of `place` if Slurm or MPI provides the index of the process and the address of process 0."""
 
 HEARTBEAT = 20
 """Time without a heartbeat after which a process counts as lost, s."""
@@ -67,7 +67,7 @@ class Processes:
     """Processes that share a run: their names, and the index of this process."""
 
     def __init__(self) -> None:
-        """Collects the names of all processes; all processes must call this together."""
+        """Collects the names of all processes: a collective operation, which every process must call."""
         self.count = jax.process_count()
         self.here = jax.process_index()
         self.names: list[str] = []
@@ -82,7 +82,7 @@ class Processes:
         return self.here == 0
 
     def any(self, flag: bool) -> bool:
-        """Whether the flag is set in any process; all processes must call this together."""
+        """Whether the flag is set in any process: a collective operation, which every process must call."""
         if self.count == 1:
             return flag
         return bool(np.any(multihost_utils.process_allgather(np.asarray(flag))))

@@ -35,7 +35,7 @@ MOST = 8
 REPEATS = 3
 """Number of measurements of which the fastest counts."""
 REST = "rest of the step"
-"""Name of all operations that belong to no part."""
+"""Name under which the operations that belong to no part are reported."""
 
 
 class Share(NamedTuple):
@@ -63,7 +63,7 @@ class Profile(NamedTuple):
     lowering: float
     """Wall time for converting the steps into a program for XLA, s."""
     compilation: float
-    """Wall time of XLA for compiling this program, s, without its cache on disk."""
+    """Wall time that XLA takes to compile this program without the cache on disk, s."""
     slowdown: float
     """Ratio of the wall time with tracing to that without (-); the parts are corrected for it."""
 
@@ -103,11 +103,11 @@ def profile(given: Any, devices: int | None = None) -> Profile:
     ready = time.perf_counter()
 
     def advance(state: State, samples: int) -> tuple[State, dict[str, jax.Array]]:
-        """State and readings after some samples."""
+        """State and readings after a number of samples."""
         return jax.block_until_ready(compiled(model, state, probes, jnp.int32(samples * every)))
 
     def take(samples: int) -> float:
-        """Wall time (s) of the steps of some samples."""
+        """Wall time (s) of the steps of a number of samples."""
         began = time.perf_counter()
         advance(first[0], samples)
         return time.perf_counter() - began
@@ -172,7 +172,7 @@ def _scopes(program: str) -> dict[str, list[str]]:
 
 
 def _nested(line: list[_Operation]) -> Iterator[tuple[_Operation, int | None]]:
-    """Operations of a thread by their start, each with the number of the operation that contains it."""
+    """Operations of a thread in order of start, each with the number of the operation that contains it."""
     around: list[tuple[int, float]] = []
     for number, operation in enumerate(sorted(line, key=lambda one: (one.start, -one.end))):
         while around and operation.start >= around[-1][1]:
@@ -217,8 +217,8 @@ def _shares(
 def _recording(start: Start, chunks: list[tuple[State, dict[str, jax.Array]]]) -> float:
     """Wall time (s per time step) for recording a chunk, from the states and readings after two samples.
 
-    The first sample, with which the arrays of the file are created, is not measured. The time for a chunk is
-    that for a sample, because most of it is for the snapshot and the checkpoint.
+    The first sample, with which the arrays of the file are created, is not measured. A chunk is assumed to
+    take as long as one sample, because most of this time is for the snapshot and the checkpoint.
     """
     took, problem = 0.0, start.problem
     with tempfile.TemporaryDirectory() as folder:

@@ -113,7 +113,7 @@ def simulate_chunk(
     """Compiled form of `simulate`: advances a state by `n_steps` time steps.
 
     `most`: the largest number of steps of this run's chunks, by default `n_steps`; all chunks share one
-    compiled program.
+    compiled program. `key`: see `lowered.key_of`; with an empty key the lowered program is not stored.
     """
     most = n_steps if most is None else most
     for steps in (most, n_steps):
@@ -137,7 +137,7 @@ _on_devices = jax.jit(_simulate, static_argnums=(3, 4), compiler_options=UNSPLIT
 
 
 def new_program(model: Model) -> Any:
-    """Function of (model, state, probes, most, sample_every, n_steps) like that which `simulate_chunk`
-    compiles, but never compiled before."""
+    """New, uncompiled copy of the function that `simulate_chunk` compiles, with the arguments (model, state,
+    probes, most, sample_every, n_steps)."""
     options = None if model.search.slabs.count == 1 else UNSPLIT
     return jax.jit(lambda *given: _simulate(*given), static_argnums=(3, 4), compiler_options=options)

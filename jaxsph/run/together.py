@@ -45,7 +45,7 @@ class _Lane:
 
 
 def shape(source: Source) -> Hashable:
-    """Structure, array shapes, sampling and end of a problem; problems with equal values can run together."""
+    """Structure, array shapes, sampling and end of a problem; problems for which these agree run together."""
     problem = source.problem()
     model = with_settings(problem.model, dict.fromkeys(search_settings(problem.model), 0))
     everything = (model, problem.state, problem.probes)

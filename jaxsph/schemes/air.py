@@ -134,7 +134,7 @@ class CorrectedForAir(NamedTuple):
     u: Float[Array, "N D"]
     """Velocities of the water at the step's end, m/s."""
     pressed: Float[Array, "N D"]
-    """Change of the velocities due to the water pressure, m/s."""
+    """Change of the velocities due to the change of the water pressure, m/s."""
     flows: dict[str, Scalar]
     """Flows out of the chambers at the step's end, m3/s (m2/s in 2-D)."""
     on_bodies: dict[str, Float[Array, " V"]]
@@ -178,9 +178,10 @@ def correct_for_air(
 class _Laws(NamedTuple):
     """Equations of chambers and ducts that are coupled by the water, with an unknown flow for each.
 
-    The unknown of a chamber is the flow that would leave it at zero pressure of its own. The unknown of a
-    duct is the flow that would pass at zero pressure drop, including the response of the water in both
-    chambers. As functions of these unknowns, pressure and flow have bounded slopes, however steep a law is.
+    The unknown of a chamber is the flow out of the chamber if the pressure of this chamber alone were zero.
+    The unknown of a duct is the flow through the duct if the pressure drop were zero, including the response
+    of the water in both chambers. As functions of these unknowns, pressure and flow have bounded slopes,
+    however steep a law is.
     """
 
     model: Model

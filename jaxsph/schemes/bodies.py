@@ -81,7 +81,7 @@ class BodiesCoupling(NamedTuple):
     pulls: dict[str, tuple[Extension, Pull]]
     """Extension (m or rad) and force of every link, by name."""
     kinematics: Kinematics
-    """Kinematics of the bodies, with the velocities that the step changes."""
+    """Kinematics of the bodies, with their velocities before the forces of the step act."""
     air: dict[str, Float[Array, " V"]]
     """Forces of the air on the bodies that carry chambers, N, N m (per metre in 2-D), by body."""
 
@@ -127,7 +127,7 @@ def couple_bodies(
     """Coupling of the bodies to the water for a step of dt (s); empty without bodies.
 
     **Arguments**: `parts`: states of the parts by name, with the bodies in their poses at the time t (s) of
-    the `ghosts`, and with the velocities that the step changes.
+    the `ghosts`, and with their velocities before the forces of the step act.
     """
     if not model.bodies:
         return ()

@@ -207,7 +207,7 @@ class ISPH(AbstractParticleScheme):
         before = {name: state.parts[name].P_a for name in airs}
         for name, air in airs.items():
             u = air.push(u, dt * before[name])
-        # Eq. 7-8. `later` is the share of the earlier divergence (linear in u) left to the next step.
+        # Eq. 7-8. `later`: share of the divergence of p.u left to the next step; divergence is linear in u.
         # The ghosts gain velocity from gravity and body forces as the water does, and the ghosts' pressure
         # contains the walls' acceleration. A divergence-free field is therefore divergence-free at walls too.
         later = 1.0 - LEFT_OVER
@@ -388,8 +388,8 @@ class ISPH(AbstractParticleScheme):
         )
 
     def _projected(self, equation: PressureEquation, start: Float[Array, " N"]) -> Projection:
-        """Pressures that remove the velocities' divergence, and the bodies' accelerations due to these
-        pressures.
+        """Pressures that remove the velocities' divergence, and the accelerations of the bodies due to these
+        pressures and all other forces.
 
         `start`: pressures (Pa) from which the solution starts.
         """
@@ -438,7 +438,7 @@ class ISPH(AbstractParticleScheme):
     # ---------------------------------------------------------------- diagnostics
 
     def dissipation(self, model, state, tables):
-        """See `AbstractScheme.dissipation`: only viscosity dissipates."""
+        """See `AbstractScheme.dissipation`: this scheme has no density diffusion."""
         p = state.particles
         force = self._viscous(model, state, tables, self.place_ghosts(model, state, tables))
         return Dissipation(-jnp.sum(p.m * jnp.sum(p.u * force, axis=1)), jnp.zeros_like(model.dt))

@@ -89,8 +89,8 @@ class SymplecticEuler(AbstractIntegrator):
     """Symplectic Euler integrator: velocity from the forces at t, then density and position from velocity.
 
     Each step needs one evaluation. If each velocity is assigned to the time half a step before its position,
-    the reversible part is the leapfrog scheme. This part is of second order, and stable up to twice the time
-    step of the predictor-corrector. Only the dissipative terms are of first order.
+    the reversible part of the step is the leapfrog scheme. This part is of second order, and stable up to
+    twice the time step of the predictor-corrector. Only the dissipative terms are of first order.
     """
 
     cfl: ClassVar[float] = 0.5
@@ -196,7 +196,7 @@ def _accelerate(
 ) -> _Accelerated:
     """Advances water, solids and air from `start` by dt (s), with all forces evaluated in the state `at`.
 
-    `moving`: states of the parts by name, with the motions of the bodies that the forces change.
+    `moving`: states of the parts by name, with the motions of the bodies before the forces act.
     """
     p0, p = start.particles, at.particles
     interval = move_walls(scheme, model, start, dt)
@@ -252,7 +252,7 @@ def _with_bodies(
     """Ghosts for the water of the state `at`, and the bodies after the water's pressure acted on them.
 
     **Arguments**: `air`: forces of the air on the bodies by name, N, N m (per metre in 2-D); `moving`:
-    states of the parts by name, with the motions of the bodies that the forces change.
+    states of the parts by name, with the motions of the bodies before the forces act.
     """
     p, dt = scheme.pressure(at.particles), interval.dt
     held = dict(moving)

@@ -16,8 +16,8 @@ from jaxsph.core.pairs import Pair
 from jaxsph.model import laws
 
 SEMICIRCLE = {2: Semicircle.of(2, 14.0), 3: Semicircle.of(3, 13.5)}
-"""Semicircle kernel by number of dimensions, with the least spurious stress that its support allows on a
-square or cubic lattice (`lattice_stress`)."""
+"""Semicircle kernel by number of dimensions, with the value of beta, a multiple of 0.5, that minimises the
+spurious stress of a square or cubic lattice in pure strain (`lattice_stress`) for the kernel's `SUPPORT`."""
 
 POLYNOMIAL = {
     2: Polynomial.of(2, (0.105, -0.263, 1.275, -1.800, 2.533, -1.482, 0.632), 3),
@@ -29,9 +29,10 @@ three decimals."""
 KERNEL = {2: POLYNOMIAL[2], 3: SEMICIRCLE[3]}
 """Default kernel by number of dimensions.
 
-The default kernel has half as many neighbours as a Gaussian with a smoothing length of 1.2 dx. In three
-dimensions it has as many neighbours as Wendland's kernel with h = 1.5 dx (Yeylaghi et al. 2016, section 2).
-Waves lose less energy with the default kernel than with either of these kernels.
+In two dimensions the default kernel has half as many neighbours as a Gaussian with a smoothing length of
+1.2 dx. In three dimensions it has as many neighbours as Wendland's kernel with h = 1.5 dx (Yeylaghi et al.
+2016, section 2). Hyperviscosity dissipates less of a wave's energy with the default kernel than with the
+Gaussian in two dimensions and with Wendland's kernel in three (`python -m experiments run quiet_water`).
 
 In deep water the lattice buckles with the semicircle (`lattice_stress`), but not with the polynomial. In
 still water in three dimensions the particles at the surface are almost at rest with the semicircle, but not

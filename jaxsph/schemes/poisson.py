@@ -32,8 +32,9 @@ class AbstractSolver(eqx.Module):
     def solve(self, operator: Operator, b: Unknown, p: Unknown) -> tuple[Unknown, Scalar, Array]:
         """Solves operator(pressure) = b for the pressure (Pa), starting from the last step's pressure p (Pa).
 
-        The operator is scaled to a diagonal of 1: p_i - sum A_ij p_j / sum A_ij. An unknown is a pair: the
-        pressures, and the bodies' accelerations scaled to pressures.
+        The operator is scaled to a diagonal of 1: p_i - sum_j w_ij p_j / a_i, with the diagonal a_i of the
+        unscaled matrix (`Poisson`). An unknown is a pair: the pressures, and the bodies' accelerations scaled
+        to pressures.
 
         **Returns** the solution, the ratio of the residual's norm to the norm of b, and whether this ratio is
         within the solver's tolerance.

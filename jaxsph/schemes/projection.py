@@ -25,9 +25,10 @@ from jaxsph.schemes.poisson import AbstractSolver, Unknown
 RESPONSE = 3.0
 """Ratio of the tolerance of the pressure solver to that of the response to the air (-).
 
-A solution that starts close to the last one keeps the smooth part of its error. In the built-in OWC, from one
-search to the next, the flow per Pa of air pressure then has an error of up to 1.3 % with the tolerance of the
-pressure, and 0.4 % with a third of it (0.8 % from zero with the tolerance of the pressure).
+A solution that starts from the response at the last search keeps the smooth part of that response's error.
+In the built-in OWC the flow per Pa of air pressure then has an error of up to 1.3 % with the tolerance of the
+pressure solver, and of up to 0.4 % with a third of this tolerance. A solution that starts from zero has an
+error of up to 0.8 % with the tolerance of the pressure solver.
 """
 
 RELAXATION = 1.5
@@ -65,7 +66,7 @@ LEFT_OVER = 0.5
 
 The next step removes half of the remainder, and so on. If all of the divergence were removed at once, the
 disorder left by one step would become a pressure in the next step. In Buchner's dam break the pressures on
-the wall would scatter by 0.4 rho g H.
+the wall would then scatter by 0.4 rho g H.
 """
 
 
@@ -77,11 +78,12 @@ class Poisson(NamedTuple):
     table: Neighbours
     """Neighbours of the water particles among water and ghosts."""
     scale: Float[Array, " N"]
-    """Inverse of the diagonal, m2; zero for particles whose pressure is not solved for."""
+    """Inverse of the matrix's diagonal, 1 / (`diagonal` + `extra`), m2; zero for particles whose pressure is
+    not solved for."""
     diagonal: Float[Array, " N"]
     """Sum of the weights, 1/m2."""
     extra: Float[Array, " N"]
-    """Weight of missing neighbours at the free surface, 1/m2."""
+    """Increase of the diagonal for missing neighbours at the free surface, 1/m2."""
     free: Float[Array, " N"]
     """Mask of particles: 1 where the pressure is solved for, 0 elsewhere."""
     shrinking: Float[Array, " N"]
@@ -98,6 +100,8 @@ class Poisson(NamedTuple):
     def neighbour_mean(self, q: Sources, q_ghosts: Float[Array, " G"]) -> Float[Array, " N"]:
         """Weighted mean, for each particle, of its neighbours' pressures (Pa) in the water and the walls.
 
+        Missing neighbours at a free surface count as zero, with the weight `extra`. The result is zero for
+        particles whose pressure is not solved for.
         `q`: sources with the water's pressures as their only field "f" (see `shown`).
         """
         return self.scale * self.table.weighted_sum(self.weights, q._replace(ghosts={"f": q_ghosts}))
@@ -112,7 +116,7 @@ class Projection(NamedTuple):
     """Pressures from a projection, and the quality of the solution."""
 
     pressures: Pressures
-    """Pressures of water and ghosts, and the accelerations of the bodies due to these pressures."""
+    """Pressures of water and ghosts, and the resulting accelerations and forces of the bodies."""
     couplings: tuple[BodiesCoupling, ...]
     """Coupling of the bodies to the water; empty without bodies."""
     residual: Scalar

@@ -149,11 +149,12 @@ def damp(
 def exchanged(
     model: Model, p: Particles, mean: Float[Array, "N D"], changes: Mapping[str, Float[Array, "N D"]]
 ) -> dict[str, Scalar]:
-    """Energies (J; J/m in 2-D) exchanged with the dampers, by name, from their changes of velocity (m/s).
+    """Energies (J; J/m in 2-D) exchanged with the dampers, by name.
 
     The energies are positive if taken from the water. For a damper whose ledger entry is `Exchange.GIVEN`,
-    they are positive if given to the water. `mean`: mean of the velocities (m/s) before and after all changes
-    whose energies must add up, including changes that are not due to dampers.
+    they are positive if given to the water. **Arguments**: `mean`: mean of the velocities (m/s) before and
+    after all changes whose energies must add up, including changes that are not due to dampers; `changes`:
+    changes of the velocities (m/s) due to each damper.
     """
     found = {}
     for damper in model.dampers:
@@ -174,7 +175,8 @@ def wall_work(
 ) -> dict[str, Scalar]:
     """Work of every moving wall on the water in a step of dt (s), by the wall's name, J (J/m in 2-D).
 
-    The work is minus dt times the water's force on the wall times the wall's velocity, from `parts`.
+    The work is minus dt times the water's force on the wall times the wall's velocity, which follows
+    from `parts`.
     """
     work = {}
     for wall in model.moving:

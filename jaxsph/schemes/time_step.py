@@ -8,9 +8,9 @@ def stable_dt(h: float, speed: float, nu: float, g: float, cfl: float) -> float:
 
     The three limits are Eq. 10 to 12 of Zhu et al. (2020).
 
-    **Arguments**: smoothing length `h` (m); `speed` (m/s): speed of sound of weakly compressible water, or
-    the largest expected speed of incompressible water; kinematic viscosity `nu` (m2/s); gravity `g` (m/s2);
-    Courant number `cfl` (-).
+    **Arguments**: `h` (m): smoothing length, or for incompressible water the length `kernels.STEP_LENGTH` dx;
+    `speed` (m/s): speed of sound of weakly compressible water, or the largest expected speed of
+    incompressible water; kinematic viscosity `nu` (m2/s); gravity `g` (m/s2); Courant number `cfl` (-).
     """
     limits = [cfl * h / speed]
     if nu > 0:

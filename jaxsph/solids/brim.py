@@ -133,9 +133,8 @@ class Brim(eqx.Module):
 
         A ghost above that level is behind a dry wall, even if its kernel reaches the water below. The level
         is found from the mean height of the water, the quantity that the particles determine most accurately.
-        The two exceptions are nodes under a roof, where more water could not raise the mean height, and nodes
-        far below the level, where the mean height scatters. At these nodes the level is found from the
-        pressure head.
+        At two kinds of nodes the level is found from the pressure head instead: under a roof, where more
+        water could not raise the mean height, and far below the level, where the mean height scatters.
 
         **Arguments**: `height`: mean height of the water above the node, m; `head`: hydrostatic pressure head
         at the node, found from the water around the node, m; `h`: smoothing length, m.

@@ -308,9 +308,9 @@ class RegionalGhosts(AbstractThinWall):
         """See `AbstractThinWall`."""
         if not plate.is_thin(dx, layers):
             return 1.0
-        # With the water's tangential velocity, the tip's few ghosts would stream out of the plate's sides. In
-        # the OWC at dx = 0.02 m this spurious flow created 0.2 J/m per period, four times the energy that is
-        # created without this flow.
+        # With the water's tangential velocity, the few ghosts of the tip would represent a flow out of the
+        # plate's sides. In the OWC at dx = 0.02 m this spurious flow created 0.2 J/m of energy per period,
+        # four times as much as is created with ghosts at rest.
         return 0.0
 
 

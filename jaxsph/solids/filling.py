@@ -28,9 +28,10 @@ from jaxsph.solids.brim import Brim
 
 
 class NodeFit(NamedTuple):
-    """Coefficients of an interpolation that is exact for linear fields: sum_j w_j (a + b.r_j) f_j.
+    """Coefficients of the interpolation sum_j w_j (a + b.r_j) f_j of a field f.
 
-    The weight w_j is V_j W; r_j is the vector from the node to the particle j, in smoothing lengths.
+    The weight w_j is V_j W; r_j is the vector from the node to the particle j, in smoothing lengths. The
+    interpolation is exact for linear fields, unless b is zero (Shepard sum).
     """
 
     a: Float[Array, " G"]
@@ -40,7 +41,8 @@ class NodeFit(NamedTuple):
     offset: Components
     """Weighted mean of x_j - x_node, m; zero where the interpolation is exact for linear fields.
 
-    The offset differs from zero where too little water is nearby to fit a gradient.
+    The offset differs from zero for a Shepard sum: with `DummyParticles`, and with `MirrorNodes` where too
+    little water is nearby to fit a gradient.
     """
     wet: Float[Array, " G"]
     """Wetness of the node: 1 in water, 0 where dry, smooth in between."""
@@ -166,7 +168,7 @@ class MirrorImages(MirrorNodes):
 
 
 def interpolation_weight(pair: Pair, i, j, h: Scalar) -> jax.Array:
-    """Weight of the particle j in the interpolation at the node i, exact for linear fields (`NodeFit`)."""
+    """Weight w_j (a + b.r_j) of the particle j in the interpolation at the node i: see `NodeFit`."""
     r = tuple(-c / h for c in pair.r)
     return laws.volume(j) * pair.W * (i["a"] + dot(i["b"], r))
 

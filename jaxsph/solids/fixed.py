@@ -51,7 +51,7 @@ class TankWalls(AbstractSolid):
         if self.paddle:
             under = under.at[:, 0].set(False)
         over = x > high + 0.5 * dx
-        # water above an open rim is leaving the tank, even if it is beside the tank
+        # water above an open rim counts as leaving the tank, not as inside a wall, even beside the tank
         gone = over[:, -1] & (self.sides[-1] == "spill")
         return jnp.any(under | over, axis=1) & ~gone
 

@@ -1,11 +1,11 @@
 """Mirror images of the water in the walls of a tank, used instead of ghosts on a lattice.
 
-A lattice of ghosts resists water that slides past it by a fraction of a spacing, and the ghosts near the
-surface switch between wet and dry. Both effects generate short waves where the surface meets a wall. An image
-instead lies at the mirrored position of its particle and has the particle's volume. The water next to a plane
-wall therefore moves as if mirrored water were in the place of the wall. In a corner, particles are also
-mirrored in all walls of the corner together. At the end of a wall, an image is weighted with the fraction of
-its cell of side dx that lies within the wall's extent.
+A lattice of ghosts resists the sliding of water along a wall, even by a fraction of a spacing, and the
+ghosts near the surface switch between wet and dry. Both effects generate short waves where the surface meets
+a wall. An image instead lies at the mirrored position of its particle and has the particle's volume. The
+water next to a plane wall therefore moves as if mirrored water were in the place of the wall. In a corner,
+particles are also mirrored in all walls of the corner together. At the end of a wall, an image is weighted
+with the fraction of its cell of side dx that lies within the wall's extent.
 
 Plates and platforms have ghosts on a lattice. Images in their faces would appear and vanish as water flows
 round an edge; in the OWC such images made the noise two to four times as large.
@@ -28,8 +28,8 @@ from jaxsph.solids.placement import GhostSet, join
 SPARE = 1.4
 """Ratio of the number of rows for images to the number of particles on a lattice (-).
 
-The lattice fills the tank next to the walls up to their tops.
-A run stops if the water near a wall is denser than this ratio allows.
+The lattice fills the tank next to the walls up to their tops. A run stops if the water near a wall is denser
+than this ratio allows.
 """
 
 WIDEST_SKIN = 0.8

@@ -84,7 +84,7 @@ def packed(
     origin = np.append(x[free].mean(axis=0)[:-1], level)
     rest = (np.concatenate([x[beside], ghosts]) - origin) / dx
     before, share = (x[free] - origin) / dx, 1.0
-    # of a cell that the surface cuts, only the part below counts; the mirror image completes the cell
+    # only the part of a cell below the surface counts; its mirror image completes the cell
     below = size * np.clip(0.5 - rest[:, -1], 0.0, 1.0)
     # the walls of a long tank are mostly out of reach
     near = np.all((rest > before.min(axis=0) - NEAR) & (rest < before.max(axis=0) + NEAR), axis=1)

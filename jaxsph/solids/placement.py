@@ -303,7 +303,7 @@ def _dummies(x: np.ndarray, volume: np.ndarray, kind: int, node_sees: int) -> Gh
 
 
 def _is_held(end: tuple[float, float], box: Box, others: Sequence[AbstractShape]) -> bool:
-    """Whether a plate's end (m) touches or lies in a tank wall or another solid, so that no water passes."""
+    """Whether a plate's end (m) touches or lies in a wall or another solid, so that no water passes there."""
     at = np.asarray(end)
     walls = np.stack([at - box.low, np.asarray(box.high) - at], axis=1)
     if (box.walls & (walls < HELD)).any():

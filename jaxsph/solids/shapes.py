@@ -31,7 +31,7 @@ dummy particle; the corner of a cell is 0.71 spacings from the cell's centre."""
 
 
 def plain_numbers(given: Any) -> Any:
-    """Converts plain numbers to a double-precision array that a model may cast; returns JAX arrays as is."""
+    """Converts plain numbers to a double-precision array that a model may cast; keeps JAX arrays."""
     return np.asarray(given, float) if isinstance(given, (float, int, tuple, list)) else given
 
 

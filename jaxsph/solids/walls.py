@@ -201,7 +201,8 @@ class Ghosts(eqx.Module):
     ) -> NodeFit:
         """Coefficients that interpolate the water's fields to the nodes (m) from the nodes' neighbours.
 
-        An image needs no coefficients, and is wet if `images` has a particle for it. `weight`: rho0 g, N/m3.
+        Ghosts that are images of particles need no coefficients; such a ghost is wet if `images` assigns a
+        particle to it. `weight`: rho0 g, N/m3.
         """
         rows, none = self.at_nodes, jnp.zeros(self.images.count, nodes.dtype)
         wet, zeros = images.there.astype(nodes.dtype), (none,) * nodes.shape[1]
@@ -311,8 +312,9 @@ def _in_order(parts: Sequence[GhostSet], kept: int) -> tuple[GhostSet, np.ndarra
 def _tank(
     filling: AbstractFilling, box: Box, regions: Regions, dx: float, layers: int, radius: float
 ) -> tuple[Images, GhostSet]:
-    """Images and ghosts of a tank's walls. With `MirrorImages` the ghosts fill the images' rows, which are
-    empty at first; otherwise they lie on a lattice.
+    """Images and ghosts of a tank's walls, on a lattice behind the walls.
+
+    With `MirrorImages`, these ghosts only fill the rows that are reserved for images of particles.
 
     **Raises** ValueError if a tank with a platform is not two-dimensional or lacks an end wall or a floor.
     """

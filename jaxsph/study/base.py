@@ -75,7 +75,7 @@ def _told(one: Any, before: str) -> dict[str, Any]:
             found |= _told(value, f"{name}.")
         else:
             found[name] = value.tolist() if hasattr(value, "tolist") else value
-    # converted to the types that JSON returns from a file
+    # converted to the types of values that are read from a JSON text
     return json.loads(json.dumps(found, default=str))
 
 

@@ -22,7 +22,7 @@ from jaxsph.study.sweep import MOST_MEMBERS, sweep
 
 
 class Ensemble(AbstractMethod):
-    """Ensemble of runs around the case's value; the slope is that of a parabola fitted to their results.
+    """Ensemble of runs around the case's value; a parabola fitted to the runs' results gives the slope.
 
     Each member is a complete run with its own chaotic particle motion, which scatters the results about the
     parabola. The scatter gives the standard error of the slope, and a wider spread reduces this error.

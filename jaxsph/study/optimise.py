@@ -57,9 +57,9 @@ def maximise(
     The bounds must be positive, because the search uses logarithms. `out`: the file of the evaluations; a
     repeated call continues from it, and from an ensemble's unfinished members in `<out>.evaluations`.
     `method`: as in `derivative`; `optimiser`: any optimiser of optax (by default Adam, which changes a
-    parameter by a factor of 1.8 in the first steps and 1.1 in the last).
-    **Returns** the best evaluation. The search ends when every slope is within its error, or points out of
-    the bounds.
+    parameter by a factor of at most about 1.8 in the first step and 1.1 in the tenth).
+    **Returns** the best evaluation. The search ends after `evaluations` evaluations, or when every slope is
+    within its error or points out of the bounds.
     **Raises** the errors of `derivative`; FileError if `out` or `<out>.evaluations` belongs to a search with
     another case, result, scatter table or method, or if another process runs a study with this output.
     """
@@ -142,7 +142,7 @@ def _evaluate(
 
 
 def _check_folder(folder: Path, search: Mapping[str, Any]) -> None:
-    """Marks the folder of the evaluations for this search.
+    """Marks the folder of the evaluations as belonging to this search.
 
     **Raises** FileError if the folder belongs to another search.
     """

@@ -24,7 +24,8 @@ _FEW = 5
 
 _held: set[Path] = set()
 _guard = threading.Lock()
-"""Guards `_held`, the outputs of this process's studies; a file lock does not exclude its own process."""
+"""Lock of `_held`, the outputs of this process's studies; a file lock does not exclude a second study in the
+same process."""
 
 
 def refuse_other(

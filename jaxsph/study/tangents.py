@@ -102,10 +102,10 @@ class _ThroughLoop(AbstractMethod):
 class Exact(_ThroughLoop):
     """Exact derivative of the discrete program, propagated through every step.
 
-    As long as the slopes of neighbouring particles agree, this derivative is that of the flow. Within a
-    fraction of a second it becomes the derivative of chaotic particle paths, which is valid only for smaller
-    and smaller changes. The run stops when, according to these slopes, a relative change `least` of the
-    parameter would move neighbours by a tenth of a spacing relative to each other.
+    As long as the slopes of the positions of neighbouring particles agree, this derivative is that of the
+    flow. Within a fraction of a second it becomes the derivative of chaotic particle paths, which is valid
+    only for ever smaller changes of the parameter. The run stops when, according to these slopes, a relative
+    change `least` of the parameter would move neighbours by a tenth of a spacing relative to each other.
     """
 
     least: float = eqx.field(static=True, default=0.01)

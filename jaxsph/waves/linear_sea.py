@@ -144,7 +144,7 @@ def integrated_sea_response(
     index = np.round(turns).astype(int)
     if np.max(np.abs(turns - index)) > 1e-6:
         raise ValueError(
-            f"the sea does not repeat after duration = {duration:g} s: use frequencies n/duration, n whole"
+            f"the sea does not repeat after duration = {duration:g} s: use multiples of 1/duration (Hz)"
         )
     linear = linear_sea_response(geometry, amplitude, omega, K_dm, rho0, g)
     last = _HARMONICS * int(index.max())

@@ -243,7 +243,7 @@ def _wedge(corners: NDArray, index: int, owners: list[str]) -> float:
 
 
 def _is_sharp(wedge: float, owners: list[str], index: int, section: Section) -> bool:
-    """Whether the velocity is singular at a corner between hulls, or of a hull and its mirror image."""
+    """Whether the velocity is singular at a corner of hulls, or of a hull and its mirror image."""
     solid = {"", *(hull.name for hull in section.hulls)}
     return wedge > np.pi + TURN and {owners[index - 1], owners[index]} <= solid
 

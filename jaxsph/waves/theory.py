@@ -81,10 +81,11 @@ def stokes3_wavenumber(
 ) -> Float[Array, "..."]:
     """Wavenumber k of third-order Stokes waves in a closed tank, rad/m: higher waves are longer.
 
-    omega^2 = g k s (1 + (kH/2)^2 ((9 - 10 s^2 + 9 s^4) / 8 s^4 - 1 / (kd s))) with s = tanh kd. The fraction
-    with 8 s^4 holds for waves without a mean velocity below the troughs (Whitham 1974, section 13.13). The
-    last term is the return current of a closed tank, which balances the waves' mass transport E/c (Stokes'
-    second definition of the celerity). Height `H` (m), period `T` (s) and depth `d` (m) broadcast.
+    omega^2 = g k s (1 + (kH/2)^2 ((9 - 10 s^2 + 9 s^4) / (8 s^4) - 1 / (kd s))) with s = tanh kd. The
+    fraction with 8 s^4 holds for waves without a mean velocity below the troughs (Whitham 1974, section
+    13.13). The last term accounts for the return current of a closed tank, which balances the waves' mass
+    transport E/c (Stokes' second definition of the celerity). Height `H` (m), period `T` (s) and depth `d`
+    (m) broadcast.
     """
     H, d, omega = real(H), real(d), 2.0 * jnp.pi / real(T)
     k = wavenumber(omega, d, g)
@@ -220,27 +221,28 @@ def theory_limits(H: float, T: float, d: float, g: float = GRAVITY) -> list[str]
     limits = []
     if steepness > miche:
         limits.append(
-            f"steepness H/lambda = {steepness:.3g} is over Miche's limit "
+            f"steepness H/lambda = {steepness:.3g} exceeds Miche's limit "
             f"0.142 tanh(kd) = {miche:.3g}: the wave breaks; use a smaller height H"
         )
     if H / d > 0.78:
         limits.append(
-            f"H/d = {H / d:.3g} is over 0.78: the wave breaks at this depth; use a smaller height H"
+            f"H/d = {H / d:.3g} exceeds 0.78: the wave breaks at this depth; use a smaller height H"
         )
     if ursell > _URSELL_LIMIT:
         limits.append(
-            f"Ursell number H lambda^2/d^3 = {ursell:.3g} is over 8 pi^2/3 = "
+            f"Ursell number H lambda^2/d^3 = {ursell:.3g} exceeds 8 pi^2/3 = "
             f"{_URSELL_LIMIT:.3g}: second-order Stokes theory gives a second crest in the trough; use a "
             "smaller height H or period T"
         )
     if kd > np.pi:
         limits.append(
-            f"kd = {kd:.3g} is over pi (deep water): a piston also moves the water below the wave, so its "
-            "near field is large; use a longer period T, or gauges and devices far from the piston"
+            f"kd = {kd:.3g} exceeds pi (deep water): a piston also moves the water at depths where the "
+            "waves do not, so the piston's near field is large; use a longer period T, or gauges and devices "
+            "far from the piston"
         )
     if kd < np.pi / 10.0:
         limits.append(
-            f"kd = {kd:.3g} is under pi/10 = {np.pi / 10.0:.3g} (shallow water): cnoidal theory would be "
+            f"kd = {kd:.3g} is below pi/10 = {np.pi / 10.0:.3g} (shallow water): cnoidal theory would be "
             "needed; use a shorter period T"
         )
     return limits

@@ -41,7 +41,7 @@ class Grid(eqx.Module):
     origin: tuple[float, ...] = eqx.field(static=True)
     """Low corner of the box, m."""
     cell: float = eqx.field(static=True)
-    """Side of a cell, m; along a periodic axis cells are longer, so that a whole number of cells fits the
+    """Side of a cell, m; along a periodic axis cells may be longer, so that a whole number of cells fits the
     period."""
     shape: tuple[int, ...] = eqx.field(static=True)
     """Number of cells along every axis."""

@@ -213,7 +213,7 @@ def _sort(key: Int[Array, " M"], cells: int) -> tuple[Int[Array, " M"], Int[Arra
 def _line(
     home: Int[Array, "N D"], offset: tuple[int, ...], grid: Grid
 ) -> tuple[Int[Array, " N"], Bool[Array, " N"]]:
-    """Number of the line of cells (along the last axis) that is `offset` cells away from the line of each
+    """Index of the line of cells (along the last axis) that is `offset` cells away from the line of each
     cell `home`, and whether this line is in the grid."""
     row, inside = jnp.zeros(home.shape[0], jnp.int32), jnp.ones(home.shape[0], bool)
     for axis, step in enumerate(offset):
@@ -227,7 +227,7 @@ def _line(
 
 def _spans(home: Int[Array, "N D"], grid: Grid) -> list[tuple[Int[Array, " N"], Int[Array, " N"]]]:
     """First and last cell along the last axis within a search radius of every cell `home`. If that axis is
-    periodic, a second span contains the cells that continue at the other end."""
+    periodic, a second span contains the cells within the radius at the other end of the grid."""
     last = grid.shape[-1]
     bottom, top = home[:, -1] - WIDTH, home[:, -1] + WIDTH
     spans = [(jnp.maximum(bottom, 0), jnp.minimum(top, last - 1))]

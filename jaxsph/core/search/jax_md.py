@@ -34,8 +34,8 @@ class JaxMD(AbstractSearch):
     origin: tuple[float, ...] = eqx.field(static=True)
     """Low corner of the box, m."""
     box: tuple[float, ...] = eqx.field(static=True)
-    """Sides of the box, m. Each is longer than four search radii; in a box shorter than three, jax-md tests
-    all pairs."""
+    """Sides of the box, m. Each side is longer than four search radii: if a side were shorter than three
+    search radii, jax-md would test all pairs."""
     radius: float = eqx.field(static=True)
     """Search radius (support plus skin), m."""
     cell_capacity: tuple[int, int] = eqx.field(static=True)
@@ -113,7 +113,7 @@ class JaxMD(AbstractSearch):
 
 
 def partition() -> ModuleType:
-    """Module `jax_md.partition`. **Raises** ImportError, with the extra to install, if jax-md is missing."""
+    """Module `jax_md.partition`. **Raises** ImportError, which names the extra to install, without jax-md."""
     try:
         from jax_md import partition
     except ImportError as error:

@@ -149,8 +149,8 @@ def _with_halo(slabs: Slabs, x: Components, kind: Int[Array, " n"]) -> Seen:
     """Particles of a slab at x (m), followed by the particles of its halos; for use within `over_slabs`.
 
     A slab at an end of the tank has an empty halo, filled with zeros. These entries are moved to the tank's
-    other end. If the entries stayed in a cell of this slab, they would prolong the search, because all lines
-    of cells take as long as the most crowded line.
+    other end. If the entries stayed in a cell of this slab, they would prolong the search, because the search
+    takes as long for every line of cells as for the most crowded line.
     """
     every = slabs.with_halo({"x": x, "kind": kind})
     if slabs.count == 1:
@@ -161,7 +161,7 @@ def _with_halo(slabs: Slabs, x: Components, kind: Int[Array, " n"]) -> Seen:
 
 
 def _halo(slabs: Slabs, grid: Grid, x: Float[Array, "n D"], n: int) -> Int[Array, ""]:
-    """Number of a slab's particles, at x (m), that are within reach of an adjacent slab.
+    """Number of a slab's particles, at x (m), within reach of an adjacent slab: the larger of both sides.
 
     `NARROW` if all particles of this slab are within reach of the adjacent slab: the reach of that slab may
     then extend past this one.
@@ -191,8 +191,10 @@ def _in_slab(
 
 
 def beside(x: Float[Array, "M D"], points: Float[Array, "P D"], grid: Grid) -> Bool[Array, " P"]:
-    """Whether each of the points (m) is near enough to the particles at x (m) that it may see one of them.
-    Points at the walls of an empty part of a tank, for example, are not near enough."""
+    """Mask of the points (m) that may have one of the particles at x (m) within the search radius.
+
+    Points at the walls of an empty part of a tank, for example, are not in the mask.
+    """
     full = jnp.zeros(int(np.prod(grid.shape)), bool).at[cell_key(x, grid)].set(True).reshape(grid.shape)
     for axis in range(len(grid.shape)):
         around = full
