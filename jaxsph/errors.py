@@ -6,6 +6,9 @@ from collections.abc import Sequence
 
 __all__ = ["CaseError", "DerivativeError", "FileError", "JaxsphError", "SimulationError"]
 
+ERROR_MARK = "jaxsph: error: "
+"""Beginning of the message of an error on the command line."""
+
 
 class JaxsphError(Exception):
     """Base class of the errors of jaxsph that a user can act on."""

@@ -44,10 +44,17 @@ INCOMPRESSIBLE = {"scheme.kind": "incompressible"}
         ({"dx": 0.3}, r"tank.depth = 0.42 m does not fit dx = 0.3 m: .* use dx of at most 0.105 m"),
         ({"dx": 0.05}, r"device.chamber_length = 0.13 m is 2.6 spacings of dx = 0.05 m long, .* three"),
         # lengths
-        ({"dx": 0.0}, r"dx = 0.0: .*greater than or equal to 0"),
-        ({"tank.length": -1.0}, r"tank.length = -1.0: .*greater than or equal to 0"),
-        ({"tank.depth": 0.0}, r"tank.depth = 0.0: .*greater than or equal to 0"),
-        ({"device.draught": -0.1}, r"device.draught = -0.1: .*greater than or equal to 0"),
+        ({"dx": 0.0}, r"dx = 0.0: must be positive"),
+        ({"tank.length": -1.0}, r"tank.length = -1.0: must be positive"),
+        ({"tank.depth": 0.0}, r"tank.depth = 0.0: must be positive"),
+        ({"device.draught": -0.1}, r"device.draught = -0.1: must be positive"),
+        ({"device.wall_thickness": -0.04}, r"= -0.04: must be positive \(Thickness of the plate, m\)"),
+        ({"t1": 0.0}, r"t1 = 0.0: must be positive"),
+        # numbers as text
+        ({"device.draught": "0.16 m"}, r"= '0.16 m': must be a number in m, without the unit"),
+        ({"device.draught": "0,16"}, r"= '0,16': must be a number: use a decimal point"),
+        ({"device.draught": "0.16"}, r"= '0.16': must be a number without quotes"),
+        ({"waves.T": "1.2s"}, r"waves.T = '1.2s': must be a number in s, without the unit"),
         ({"device.draught": 0.42}, r"device.draught = 0.42 m: .* at most 0.38 m"),
         ({"device.platform_height": 0.1}, r"both device.platform_length and device.platform_height, or"),
         (
@@ -119,6 +126,22 @@ def test_case_files(tmp_path):
         js.load_case(path)
     path.write_text("dx = 0.1\nt1 = 1.0\n[tank]\nlength = 1.0\ndepth = 0.5\n")
     assert js.load_case(path).name == "mine"
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("t1 = 0,4", "line 2, .*, in the line 't1 = 0,4'; use a decimal point"),
+        ("t1 = 4 s  # the end", "line 2, .*, in the line 't1 = 4 s  # the end'; give numbers without"),
+        ("t1 == 4", "line 2, .*, in the line 't1 == 4'$"),
+        ("t1 =" + " 1" * 500, r"line 2, .*, in the line 't1 = 1.*\.\.\.'$"),
+    ],
+)
+def test_a_faulty_line_of_a_case_file_is_shown(tmp_path, line, message):
+    path = tmp_path / "mine.toml"
+    path.write_text(f"dx = 0.1\n{line}\n")
+    with pytest.raises(CaseError, match=message):
+        js.load_case(path)
 
 
 @pytest.mark.parametrize(
@@ -579,3 +602,34 @@ def test_a_misspelt_key_is_still_answered_with_the_nearest():
     for key, near in (("tank.hight", "tank.height"), ("waves.h", "waves.H"), ("body.pto.dampin", "damping")):
         with pytest.raises(js.CaseError, match=f"did you mean '.*{near}'"):
             js.load_case("flap_2d").replace({key: 1.0})
+
+
+BUOY = js.load_case("buoy_heave")
+
+
+@pytest.mark.parametrize(
+    ("changes", "notice"),
+    [
+        # Archimedes: a box 0.2 m high with the density r has the draught 0.2 r / 1000; it is given with 0.1 m
+        (
+            {"body.density": 800.0},
+            r"body floats 0.06 m below its given position, because its mass of 48 kg/m",
+        ),
+        ({"body.density": 350.0}, r"body floats 0.03 m above its given position"),
+        ({"body.density": 0.5}, r"body.density = 0.5 kg/m3 is very small: densities are in kg/m3"),
+        (
+            {"probes.pressure": [[1.0, 0.44]]},
+            r"probes.pressure\[0\] = \[1.0, 0.44\] m is 0.04 m above the still",
+        ),
+    ],
+)
+def test_doubtful_positions_and_densities_are_told(changes, notice):
+    assert any(re.match(notice, note) for note in BUOY.replace(changes).notices())
+    assert not any(re.match(notice, note) for note in BUOY.notices())
+
+
+def test_a_body_near_its_equilibrium_or_held_by_a_spring_gets_no_notice():
+    near = BUOY.replace({"body.density": 580.0})  # 0.016 m, less than a spacing
+    held = BUOY.replace({"body.density": 800.0, "link.take_off.stiffness": 100.0})
+    for case in (near, held):
+        assert not any("floats" in note for note in case.notices())

@@ -1,6 +1,5 @@
 """The command line, with a fake solver: options passed on, output printed, exit status."""
 
-import os
 import re
 import types
 
@@ -54,7 +53,6 @@ def _ended(results, notices=()):
 def calls(monkeypatch, tmp_path):
     """Replaces the solver's functions by stand-ins, and records their calls."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))  # commands of studies set other flags
     found = []
     solution = _ended({"xi": 0.4871, "steps": 1200.0, "mine": 1.5})
 
@@ -403,7 +401,6 @@ def test_a_study_is_refused_before_a_run_of_it_is_timed(monkeypatch, tmp_path):
         raise AssertionError("timed before it was refused")
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
     monkeypatch.setattr(js, "duration", never, raising=False)
     for command in (
         ("sweep", "owc", "--grid", "waves.heading=1,2"),

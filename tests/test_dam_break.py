@@ -24,8 +24,8 @@ NEAR = {"probes": {}}
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"tank.column": 0.0}, r"tank.column = 0.0: .*greater than or equal to 0"),
-        ({"tank.column": -1.0}, r"tank.column = -1.0: .*greater than or equal to 0"),
+        ({"tank.column": 0.0}, r"tank.column = 0.0: must be positive"),
+        ({"tank.column": -1.0}, r"tank.column = -1.0: must be positive"),
         ({"tank.column": 4.0}, r"tank.column = 4 m: must be at most tank.length = 3.22 m"),
         ({"tank.column": 0.03}, r"tank.column = 0.03 m does not fit dx = 0.02 m"),
         (

@@ -72,9 +72,8 @@ def blocks(page, kind):
 def execute(tmp_path_factory):
     """Function that runs a script in an empty folder, as a user does, and returns what the script printed."""
     compiled = tmp_path_factory.mktemp("compiled")
-    # no XLA flags, also for the members of a sweep, so that they reuse the compiled programs of runs
-    known = {"JAX_COMPILATION_CACHE_DIR": str(compiled), "XLA_FLAGS": ""}
-    known |= {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.2", "MPLBACKEND": "Agg"}
+    known = {"JAX_COMPILATION_CACHE_DIR": str(compiled), "MPLBACKEND": "Agg"}
+    known |= {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.2"}
     paths = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     environment = known | os.environ | {"PYTHONPATH": paths}
 

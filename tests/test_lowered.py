@@ -68,7 +68,7 @@ def test_a_program_that_cannot_be_stored_is_tried_once(folder, monkeypatch):
     """Later chunks of the run do not trace it again in vain."""
     tried = []
 
-    def refused(*_):
+    def refused(*_, **__):
         tried.append(1)
         raise ValueError("no stable form")
 

@@ -21,7 +21,7 @@ from jaxsph.errors import CaseError, FileError
 from jaxsph.output.hdf5 import Variable
 from jaxsph.output.run_file import RunFile
 from jaxsph.output.sweep_file import Meanings, SweepFile
-from jaxsph.report.content import extremes_of
+from jaxsph.report.content import extremes_of, panels
 from jaxsph.report.frames import FIELDS, UNSEEN, Frames, local_flow
 from jaxsph.report.labels import LABELS, in_order
 from jaxsph.report.pack import KINDS, Pack
@@ -210,6 +210,18 @@ def test_long_lines_keep_their_extremes():
     at, values = extremes_of(t, y, 20)
     assert values.max() == 9.0 and at[np.argmax(values)] == t[5000]
     assert len(at) == 2 * 500 + 3 and np.all(np.diff(at) > 0)
+
+
+def test_forces_on_a_solid_are_named_by_their_components():
+    t = np.arange(4.0)
+    units = {3: "N m-1, N m-1, N", 6: "N, N, N, N m, N m, N m"}
+    for count, unit in units.items():
+        force = np.stack([t + k for k in range(count)], axis=1)
+        variables = {"force_pile": Variable(unit, "the water's force on the pile", "motion")}
+        (panel,) = panels({"time": t, "force_pile": force}, variables, {}, Pack())
+        names = [line["name"] for line in panel["lines"]]
+        assert names[0] == "along the tank (x)" and names[-1] == {3: "moment", 6: "moment in yaw"}[count]
+        assert panel["unit"] == {3: "N m⁻¹ (force), N (moment)", 6: "N (force), N m (moment)"}[count]
 
 
 def test_results_are_in_words_and_every_one_of_a_run_has_a_label(tmp_path):

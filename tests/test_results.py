@@ -73,6 +73,15 @@ def test_no_amplitude_before_a_period_has_settled():
     assert not oscillation_result(MODEL, SettledPeriods(CASE)).make(record)
 
 
+def test_means_and_ratios_of_a_body_are_explained():
+    (body,) = js.load_case("flap_2d").problem().model.bodies
+    model = cast(Model, SimpleNamespace(g=np.zeros(2), parts=(body,)))
+    labels = oscillation_result(model, SettledPeriods(CASE)).labels
+    assert "includes the hydrostatic force" in labels["mean_body_force_z"].meaning
+    assert labels["mean_body_force_x"].meaning.startswith("mean drift force")
+    assert "RAO" in labels["rao_pitch"].meaning and not labels["mean_pitch"].meaning
+
+
 def test_every_amplitude_has_words_and_a_unit():
     result = oscillation_result(MODEL, SettledPeriods(CASE))
     assert set(result.make(recorded())) <= set(result.labels)

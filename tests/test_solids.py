@@ -141,7 +141,7 @@ def test_a_solid_is_drawn_and_told_about(slope, tmp_path):
     assert CliRunner().invoke(app, ["report", str(path), "--out", str(tmp_path / "page.html")]).exit_code == 0
     titles = [panel["title"] for panel in run_content(RunFile.open(path), Pack())["panels"]]
     assert [title for title in titles if "force" in title] == [
-        "The water's force on the bed, and its moment about the pivot"
+        "The water's force on the bed, and its moment about the pivot, by default the centroid"
     ]
 
 

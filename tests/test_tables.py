@@ -64,7 +64,7 @@ def test_a_run_is_two_tables(run):
     head, first, *_ = table(run.with_suffix(".csv"))
     assert head[0] == "time (s)" and set(head[1:]) == {
         *("P_a (Pa)", "eta [1] (m)", "eta [2.5] (m)"),
-        *("body_force [1] (N m-1)", "body_force [2] (N m-1)", "body_force [3] (N)"),
+        *("body_force [x] (N m-1)", "body_force [z] (N m-1)", "body_force [moment] (N)"),
     }
     assert dict(zip(head, map(float, first), strict=True))["eta [2.5] (m)"] == pytest.approx(0.1)
     results = {row[0]: row[1:] for row in table(run.with_name("run_results.csv"))}
@@ -160,3 +160,20 @@ def test_a_linear_flow_is_exact_on_a_grid_and_nothing_outside(dim):
     np.testing.assert_allclose(inside["pressure"], np.tile(9810.0 * (1.0 - at_z[:2, None]), 2), rtol=1e-4)
     np.testing.assert_allclose(inside["vorticity"], 1.5, rtol=1e-4)
     assert np.isnan(found["pressure"].sel(z=1.5)).all()
+
+
+def test_a_grid_has_no_values_inside_solids(tmp_path):
+    # a fixed wall thinner than a spacing, and a body that has moved by 0.2 m since it was drawn
+    solids = [
+        {"name": "", "corners": [[0.46, 0.3], [0.54, 0.3], [0.54, 1.0], [0.46, 1.0]], "pivot": [0.0, 0.0]},
+        {"name": "box", "corners": [[0.6, 0.6], [0.7, 0.6], [0.7, 0.7], [0.6, 0.7]], "pivot": [0.65, 0.65]},
+    ]
+    run = RunFile.create(tmp_path / "run.h5", 'name = "wall"', {}, {}, scene={"solids": solids})
+    x = np.stack(np.meshgrid(*[np.arange(0.05, 1.0, 0.1)] * 2), axis=-1).reshape(-1, 2)
+    snapshot = {"time": 0.0, "x": x, "u": np.zeros_like(x), "p": x[:, 1], "box": np.array([0.2, 0.0, 0.0])}
+    run.append({"time": np.zeros(1)}, {"time": Variable("s", "time")}, snapshot, {}, {})
+    stored = RunFile.open(run.path).snapshot(0)
+    found = js.on_grid(stored, np.array([0.4, 0.5, 0.65, 0.85]), np.array([0.2, 0.65]))["pressure"]
+    np.testing.assert_array_equal(np.isnan(found), [[0, 0, 0, 0], [0, 1, 0, 1]])
+    whole = js.on_grid(dict(stored), found.x, found.z)["pressure"]  # without the run's outlines
+    assert np.isfinite(whole).all()

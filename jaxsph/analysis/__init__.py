@@ -17,7 +17,15 @@ from jaxsph.analysis.periods import (
     settled_from,
     whole_periods,
 )
-from jaxsph.analysis.reflection import Reflection, TwoWaySea, drift_rate, fundamental, reflection, two_way_sea
+from jaxsph.analysis.reflection import (
+    Reflection,
+    TwoWaySea,
+    check_separable,
+    drift_rate,
+    fundamental,
+    reflection,
+    two_way_sea,
+)
 from jaxsph.analysis.spectrum import (
     Mean,
     Spectrum,
@@ -39,6 +47,7 @@ __all__ = [
     "TwoWaySea",
     "WaveDirection",
     "ZeroCrossingWaves",
+    "check_separable",
     "decay_per_wavelength",
     "drift_rate",
     "efficiency",

@@ -102,19 +102,28 @@ def reflection(
             f"the record has fewer than {_MIN_SAMPLES_PER_PERIOD} samples per period of {T:g} s: use a "
             "shorter sampling interval"
         )
+    check_separable(x, T, d, g)
     k = float(theory.wavenumber(2.0 * np.pi / T, d, g))
     B = fundamental(t[mask], eta[:, mask], T)
-    (incident,), (reflected,), (condition,) = separated(np.array([k]), x, B[None])
+    (incident,), (reflected,), _ = separated(np.array([k]), x, B[None])
+    incident, reflected = abs(incident), abs(reflected)
+    if incident == 0.0:
+        raise ValueError(f"there is no incident wave of the period T = {T:g} s: use the period of the waves")
+    return Reflection(float(incident), float(reflected), float(reflected / incident))
+
+
+def check_separable(x: ArrayLike, T: float, d: float, g: float = theory.GRAVITY) -> None:
+    """Checks that gauges at x (m) can separate incident from reflected waves of period T (s) in the depth
+    d (m). **Raises** ValueError if they cannot, see `reflection`."""
+    x = np.asarray(x, np.float64)
+    k = float(theory.wavenumber(2.0 * np.pi / T, d, g))
+    condition = float(np.linalg.cond(_basis(np.array([k]), x))[0])
     if not condition < _MAX_CONDITION:
         raise ValueError(
             f"gauges at {x.tolist()} m cannot separate incident and reflected waves "
             f"(condition number {condition:.3g}) at a wavelength of {2.0 * np.pi / k:.4g} m: "
             "avoid distances near multiples of half a wavelength"
         )
-    incident, reflected = abs(incident), abs(reflected)
-    if incident == 0.0:
-        raise ValueError(f"there is no incident wave of the period T = {T:g} s: use the period of the waves")
-    return Reflection(float(incident), float(reflected), float(reflected / incident))
 
 
 def separated(
@@ -125,9 +134,14 @@ def separated(
     The waves are fitted by least squares to the complex amplitudes B `[F, G]` of gauges at `x` (m, `[G]`),
     for every wavenumber k (rad/m, `[F]`), in the unit of B (Mansard and Funke 1980).
     """
-    basis = np.exp(1j * k[:, None, None] * (x - x[0])[None, :, None] * np.array([-1.0, 1.0]))
+    basis = _basis(k, x)
     both = (np.linalg.pinv(basis) @ B[..., None])[..., 0]
     return both[:, 0], both[:, 1], np.linalg.cond(basis)
+
+
+def _basis(k: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Unit waves along +x and -x at gauges at x (m), for every wavenumber k (rad/m), `[F, G, 2]`."""
+    return np.exp(1j * k[:, None, None] * (x - x[0])[None, :, None] * np.array([-1.0, 1.0]))
 
 
 class TwoWaySea(NamedTuple):

@@ -12,10 +12,13 @@ from pydantic import BaseModel, ValidationError
 from jaxsph.case.air_sections import DEVICE_WALLS, LAWS, SMOOTH_LAWS, air_keys
 from jaxsph.case.build import build
 from jaxsph.case.expected import instead
+from jaxsph.case.forecasts import forecasts
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.limits import check_limits
 from jaxsph.case.moorings import check_moorings
 from jaxsph.case.notices import limit_notices
+from jaxsph.case.numbers import as_number, unit_in
+from jaxsph.case.position_notices import position_notices
 from jaxsph.case.probes import make_probes
 from jaxsph.case.results import SettledPeriods, case_results, mean_of_power
 from jaxsph.case.scheme import remedies
@@ -47,6 +50,8 @@ lattice."""
 
 MEANT = ("missing", "greater_than_equal", "less_than_equal", "greater_than", "less_than")
 """Types of errors (value missing or out of range) whose messages include the meaning of the key."""
+LEAST = 1e-3
+"""Lower limit of a range up to which the message for a value of zero or less asks for a positive value."""
 
 
 class Case(Sections):
@@ -155,11 +160,13 @@ class Case(Sections):
         kinds = {name: getattr(self, name).kind for name in KINDS if getattr(self, name) is not None}
         return data | {name: {"kind": kind, **data.get(name, {})} for name, kind in kinds.items()}
 
-    def notices(self) -> list[str]:
-        """Notices for the user about lengths changed by rounding, and limits that the case approaches or
-        exceeds."""
+    def notices(self, ended: bool = False) -> list[str]:
+        """Notices for the user about lengths changed by rounding, limits that the case approaches or exceeds,
+        doubtful positions and densities, and the averages of its run. `ended`: whether the run has ended and
+        has its own notices of the averages."""
         geometry = Geometry.of(self)
-        return [*geometry.notices, *limit_notices(self, geometry)]
+        found = [*geometry.notices, *limit_notices(self, geometry), *position_notices(self, geometry)]
+        return found if ended else [*found, *forecasts(self)]
 
 
 def any_name(key: str) -> str:
@@ -320,12 +327,21 @@ def _readable(error: ValidationError) -> str:
             else f" = {_shown(item['input'])}"
         )
         words = _in_toml_words(item["msg"])
+        if item["type"] == "float_type" and isinstance(item["input"], str):
+            words += as_number(item["input"], unit_in(_description(item["loc"])))
+        if item["type"] == "greater_than_equal" and _needs_positive(item["input"], **item.get("ctx", {})):
+            words = "must be positive"
         if item["type"] in MEANT:
             words = words.replace("Field required", "is missing") + _meaning(item["loc"])
         lines.append(f"{field}{value}: {words}")
     if len(found) > 5:
         lines.append(f"... and {len(found) - 5} more")
     return "\n".join(lines)
+
+
+def _needs_positive(given: Any, ge: float) -> bool:
+    """Whether a number is zero or less, and the lower limit `ge` of its range is positive but very small."""
+    return given <= 0.0 < ge <= LEAST
 
 
 def _in_toml_words(message: str) -> str:
@@ -336,11 +352,18 @@ def _in_toml_words(message: str) -> str:
     if message.startswith("String should match pattern"):  # only the name of a case has a pattern
         return "must not contain slashes or control characters"
     message = message.replace("valid tuple", "list").replace("Tuple", "The list")
-    return message.replace("Input should be a valid", "must be a").replace("Input should be", "must be")
+    message = message.replace("a valid integer", "an integer").replace("be a valid", "be a")
+    return message.replace("Input should be", "must be")
 
 
 def _meaning(place: tuple[str | int, ...]) -> str:
     """Meaning of a key, in brackets; empty if no meaning is given. `place`: path of the key in the case."""
+    words = _description(place)
+    return f" ({' '.join(words.split()).rstrip('.')})" if words else ""
+
+
+def _description(place: tuple[str | int, ...]) -> str:
+    """Description of a key; empty if there is none. `place`: path of the key in the case."""
     section: Any = Case
     words, kinds, names = "", {}, False
     for part in place:
@@ -355,4 +378,4 @@ def _meaning(place: tuple[str | int, ...]) -> str:
             return ""
         words, kinds = field.description or "", KINDS.get(str(part), {})
         section, names = section_in(field.annotation), by_name(field.annotation)
-    return f" ({' '.join(words.split()).rstrip('.')})" if words else ""
+    return words

@@ -20,6 +20,7 @@ from jaxsph.case.data_files import read_columns, read_series, read_text
 from jaxsph.case.drawings import DRAWINGS, read_outline
 from jaxsph.case.meshes import MESHES, Triangles, read_mesh
 from jaxsph.case.moordyn import read_moordyn
+from jaxsph.case.numbers import faulty_line
 from jaxsph.case.sections import BODY_KEYS
 from jaxsph.errors import CaseError
 
@@ -182,7 +183,7 @@ def _parsed(path: Path, text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise CaseError(f"{path} is not a TOML file: {error}") from None
+        raise CaseError(f"{path} is not a TOML file: {error}{faulty_line(text, str(error))}") from None
     except RecursionError:
         raise CaseError(f"{path}: lists or tables are nested too deeply for a case") from None
     except ValueError as error:  # integers of thousands of digits

@@ -37,8 +37,10 @@ def incident_energy(case: Sections, x: float, start: float, end: float) -> float
     k = second_order.wavenumbers(omega, depth, case.g) * np.cos(case.waves.directions(len(omega)))
     # a wave with the amplitude sqrt(2 P) has the mean square P, which is the power of this wave
     root = np.sqrt(2.0 * power) * np.exp(1j * (np.angle(a) - k * x))
-    t = np.linspace(start, end, int(np.ceil((end - start) / (0.02 * case.waves.period))) + 2)
-    return float(np.trapezoid(second_order.Harmonics(root, omega, k).at(t) ** 2, t))
+    # the integral of each product of two waves is known: a sinc about the middle of the time span
+    span, middle = end - start, root * np.exp(0.5j * omega * (start + end))
+    apart, both = (np.sinc(f.outer(omega, omega) * span / (2.0 * np.pi)) for f in (np.subtract, np.add))
+    return float(0.5 * span * np.real(middle @ apart @ np.conj(middle) + middle @ both @ middle))
 
 
 def linear_owc(case: Sections, lip_loss: float = 0.0) -> LinearOWC:
@@ -57,7 +59,7 @@ def linear_owc(case: Sections, lip_loss: float = 0.0) -> LinearOWC:
             f"{missing}: linear theory of an OWC needs a device with a linear or quadratic turbine, in "
             "regular waves over a flat bed"
         )
-    water = radiation_and_scattering(_chamber(case), 2.0 * np.pi / case.waves.T, case.g)
+    water = radiation_and_scattering(_chamber(Geometry.of(case)), 2.0 * np.pi / case.waves.T, case.g)
     return linear_response(
         water, case.waves.H, _turbine(case).quadratic or 0.0, case.fluid.rho0, lip_loss, air=_linear_air(case)
     )
@@ -82,9 +84,10 @@ def linear_sea(case: Sections) -> LinearSea:
             f"{_missing(case, seas=True)}: linear theory of a sea needs a device with a linear or quadratic "
             "turbine, over a flat bed"
         )
-    a, omega = case.waves.sum_of_waves(Geometry.of(case).depth, case.g)
+    tank = Geometry.of(case)
+    a, omega = case.waves.sum_of_waves(tank.depth, case.g)
     K_dm, air = _turbine(case).quadratic or 0.0, _linear_air(case)
-    return linear_sea_response(_chamber(case), a, omega, K_dm, case.fluid.rho0, case.g, air)
+    return linear_sea_response(_chamber(tank), a, omega, K_dm, case.fluid.rho0, case.g, air)
 
 
 def _linear_air(case: Sections) -> LinearAir:
@@ -100,9 +103,8 @@ def _turbine(case: Sections) -> PTOSection:
     return pto
 
 
-def _chamber(case: Sections) -> ChamberGeometry:
-    """Geometry of a case's chamber, with the depth and the draught rounded to whole spacings."""
-    tank = Geometry.of(case)
+def _chamber(tank: Geometry) -> ChamberGeometry:
+    """Geometry of the only chamber of a tank, with the depth and the draught rounded to whole spacings."""
     (stretch,) = tank.stretches.values()
     lengths = (tank.depth, stretch.surface, tank.depth - tank.plate.tip, tank.plate.thickness)
     return ChamberGeometry(*(float(np.round(length, 12)) for length in lengths))
@@ -111,15 +113,22 @@ def _chamber(case: Sections) -> ChamberGeometry:
 def linear_check(case: Sections) -> list[tuple[str, str]]:
     """Response of a chamber or of bodies by linear theory, as labels and values.
 
-    For a chamber these are efficiency, pressure (Pa) and level (m); for bodies their motions (m, rad), the
-    power (W/m) and the efficiency. If the theory does not cover the case, the list contains only the reason.
-    Otherwise the list is empty for a chamber in a sea, for a case without waves, and for a case with neither
-    a turbine nor a body with a free motion.
+    For a chamber in regular waves these are efficiency, pressure (Pa) and level (m), and in a sea efficiency
+    and power (W/m); for bodies their motions (m, rad), the power (W/m) and the efficiency. If the theory does
+    not cover the case, the list contains only the reason. Otherwise the list is empty for a chamber in a
+    focused group, which has no mean power, for a case without waves, and for a case with neither a turbine
+    nor a body with a free motion.
     """
     if has_free_bodies(case):
         return _bodies_check(case)
     if why := why_no_theory(case):
         return [("linear theory", f"none: {why}")]
+    if sea_is_linear(case) and case.waves.kind != "focused":
+        sea = linear_sea(case)
+        return [
+            ("linear efficiency", f"{sea.xi:.3g} (mean of the whole sea)"),
+            ("linear power", f"{sea.P_owc:.4g} W per metre of width"),
+        ]
     if _missing(case) is not None:
         return []
     found = linear_owc(case)

@@ -22,6 +22,8 @@ SHORTER = 2.0
 at least two steps."""
 GAUGE = 3.0
 """Half-width of the water column that a gauge measures, in spacings."""
+RESOLVED = 3.0
+"""Height of the waves, in spacings, below which a case gets a notice."""
 NEAR = 0.8
 """Ratio of the highest wave's height to the breaking height above which a case gets a notice."""
 
@@ -81,7 +83,7 @@ def _wave_notices(case: Sections, waves: WavesSection, geometry: Geometry) -> li
         notes.append(f"{asked(waves)}{which} {breaks}, which begins at a height of {highest:.3g} m ({why})")
     if waves.kind == "regular":
         notes += theory.theory_limits(H, T, geometry.depth, case.g)
-    if waves.height < 3 * case.dx:
+    if waves.height < RESOLVED * case.dx * (1.0 - 1e-9):  # 4.8 m is below 3 * 1.6 m by rounding
         notes.append(
             f"{asked(waves)} is only {waves.height / case.dx:.1f} spacings high; "
             "expect a visible decay of the height along the tank, or use a smaller dx (five spacings or more "
@@ -92,11 +94,10 @@ def _wave_notices(case: Sections, waves: WavesSection, geometry: Geometry) -> li
             f"waves.{'X' if waves.eta is None else 'eta'}: components with {waves.left_out:.0%} of the "
             "variance are left out, because they are too long or too short for the paddle, or too small"
         )
-    if waves.repeats is not None and case.t1 > waves.repeats:
-        what = {"focused": "wave group", "recorded": "series"}.get(waves.kind, "sea")
-        longer = ", or a larger waves.duration" if what == "sea" else ""
+    # at most one repetition of a sea or series is averaged, but the whole record of a group
+    if waves.kind == "focused" and case.t1 > waves.repeats:
         notes.append(
-            f"t1 = {case.t1:g} s: the {what} repeats after {waves.repeats:g} s; use a smaller t1{longer}"
+            f"t1 = {case.t1:g} s: the wave group repeats after {waves.repeats:g} s; use a smaller t1"
         )
     return notes
 

@@ -30,11 +30,15 @@ def check(given: Any) -> list[tuple[str, str]]:
     ]
     if isinstance(source, Sections) and source.waves is not None:
         geometry = Geometry.of(source)
+        # a run may average over a part of a sea, whose power differs
+        whole = {"irregular": ", mean of the whole sea", "recorded": ", mean of the whole series"}.get(
+            source.waves.kind, ""
+        )
         k = wavenumber(source.waves.period, geometry.depth, source.g)
         rows += [
             ("wavelength", f"{2 * np.pi / k:.4g} m (kd = {k * geometry.depth:.3g})"),
             ("paddle stroke", f"{geometry.stroke:.4g} m"),
-            ("incident power", f"{incident_power(source):.4g} W per metre of width"),
+            ("incident power", f"{incident_power(source):.4g} W per metre of width{whole}"),
         ]
     search = model.search
     costly = n + model.walls.filling.effort * ghosts

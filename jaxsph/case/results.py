@@ -13,7 +13,16 @@ from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import incident_energy, incident_power, linear_owc, linear_sea, why_no_theory
 from jaxsph.case.linear_bodies import has_free_bodies, linear_motions, why_no_motions
 from jaxsph.case.sections import Sections
-from jaxsph.case.settling import given_waves, settled_periods, settled_window, travel_time
+from jaxsph.case.settling import (
+    averages_from,
+    given_waves,
+    most_periods,
+    run_until,
+    settled_periods,
+    settled_window,
+    too_few,
+    travel_time,
+)
 from jaxsph.errors import CaseError
 from jaxsph.model.meaning import Label
 from jaxsph.problem.problem import energy_of_power
@@ -30,8 +39,9 @@ from jaxsph.problem.record import (
 from jaxsph.problem.results import amplitude, linear
 from jaxsph.waves import theory
 
-FEW = 5
-"""Number of averaged periods below which a longer run is advised, if earlier periods were left out."""
+UNLIKE = 0.1
+"""Relative difference between the power of a part of a sea and that of the whole, above which a notice
+appears."""
 REFLECTING = 0.2
 """Reflection coefficient above which waves reflected by a device affect the device when they return. An
 absorbing paddle reflects a twentieth of the amplitude of these waves, and the relative change of the power is
@@ -68,8 +78,8 @@ class SettledPeriods(AbstractAveraging):
                 f"no means over periods: the case was changed at t = {since:g} s, and no whole period has "
                 f"settled since; continue to t1 = {end:.4g} s or longer"
             ]
-        found = []
-        if window.left_out and window.periods < FEW:
+        found = part_of_a_sea(case, float(record.t[-1]), window.periods, since)
+        if window.left_out and too_few(window.periods):
             periods = "periods" if window.periods > 1 else "period"
             found.append(
                 f"results are averaged over {window.periods} {periods} only, because the {window.left_out} "
@@ -82,17 +92,49 @@ class SettledPeriods(AbstractAveraging):
 
 def _before_the_echo(case: Sections, record: Record) -> list[str]:
     """Notice if averaging begins before the waves that the device has reflected return from the paddle."""
-    waves = given_waves(case)
-    echo = waves.ramp_periods * waves.period + 3.0 * travel_time(case, _device_x(case))
     begin = float(record.t[record.window.over][0])
-    if waves.repeats is not None or begin > echo - waves.period:
+    echo = echo_after(case, begin)
+    if echo is None:
         return []
-    end = echo + case.output.periods * waves.cycle
+    end = echo + case.output.periods * given_waves(case).cycle
     return [
         f"means begin at t = {begin:.3g} s, before the waves that the device reflects return from the "
         f"paddle, at t = {echo:.3g} s: xi may then change by a few per cent; for the final xi raise "
         f"t1 to {end:.4g} s"
     ]
+
+
+def echo_after(case: Sections, begin: float) -> float | None:
+    """Time (s) at which waves reflected by the device return to it from the paddle; None if means that begin
+    at `begin` (s) are later, or if the waves are a sea."""
+    waves = given_waves(case)
+    echo = waves.ramp_periods * waves.period + 3.0 * travel_time(case, _device_x(case))
+    return None if waves.repeats is not None or begin > echo - waves.period else echo
+
+
+def part_of_a_sea(case: Sections, t_end: float, periods: int, since: float = 0.0) -> list[str]:
+    """Notice if the last `periods` periods up to `t_end` (s) are a part of a sea with another power than the
+    whole. `since`: time (s) of the run's last change."""
+    if periods < 1 or not _is_part(case, periods):
+        return []
+    ratio = incident_over(case, t_end, periods) / incident_power(case)
+    if abs(ratio - 1.0) <= UNLIKE:
+        return []
+    sea, peak = ("series", "") if given_waves(case).kind == "recorded" else ("sea", "peak ")
+    t1 = f"{run_until(case, averages_from(case, since), most_periods(case)):g} s"
+    advice = f": raise t1 to {t1} for averages over the whole {sea}"
+    if case.turbines or case.has_take_off:
+        ratios = "efficiencies" if case.tank.width is None else "capture widths"
+        advice = f", so absorbed powers are not those of the {sea}: compare {ratios}, or raise t1 to {t1}"
+    return [
+        f"the averages cover {periods} of {most_periods(case)} {peak}periods of the {sea}; the waves of this "
+        f"part carry {ratio:.2f} times the power of the whole {sea}{advice}"
+    ]
+
+
+def _is_part(case: Sections, periods: int) -> bool:
+    """Whether `periods` periods are only a part of a sea."""
+    return given_waves(case).repeats is not None and periods < most_periods(case)
 
 
 def case_results(case: Sections) -> tuple[Result, ...]:
@@ -172,13 +214,15 @@ def _share(case: Sections, share: float) -> dict[str, float]:
 
 def _power(case: Sections, record: Record) -> dict[str, float]:
     """Incident power (W/m) and absorbed power (W; W/m in 2-D), averaged over the window, and their ratio (in
-    3-D the capture width, m)."""
+    3-D the capture width, m). If the window is a part of a sea, also the whole sea's incident power."""
     window, waves = record.window, given_waves(case)
     if not window.periods:
         return {}
     t, T = record.t, waves.cycle
     P_inc = incident_over(case, float(t[-1]), window.periods)
     results = {"P_inc": P_inc}
+    if _is_part(case, window.periods):
+        results["P_inc_sea"] = incident_power(case)
     power = _absorbed(case, record)
     if power is None:
         return results
@@ -227,7 +271,7 @@ def incident_over(case: Sections, t_end: float, periods: int) -> float:
     A part of a sea may have higher or lower waves than the whole; therefore the energy of this part is used.
     """
     waves = case.waves
-    if waves.repeats is None or periods >= round(waves.repeats / waves.cycle):
+    if not _is_part(case, periods):
         return incident_power(case)
     span = periods * waves.cycle
     return incident_energy(case, _device_x(case), t_end - span, t_end) / span
@@ -270,18 +314,7 @@ def _reflection(case: Sections, record: Record) -> dict[str, float]:
     solution, waves = record.solution, given_waves(case)
     if "eta" not in solution.series or (waves.kind != "focused" and not record.window.periods):
         return {}
-    chosen = flume_gauges(case)
-    x = np.asarray(Geometry.of(case).gauges)[chosen]
-    if len(x) < 3:
-        first, last = _free_flume(case)
-        if first >= last:
-            raise ValueError(
-                "no gauge can be far enough from the paddle, absorbing zones and solids; use a longer tank"
-            )
-        raise ValueError(
-            f"three gauges or more are needed between x = {first:g} and {last:g} m, where evanescent waves "
-            f"are negligible, but there are {len(x)}; add gauges to probes.gauges"
-        )
+    chosen, x = _enough_gauges(case)
     t, over, depth = record.t, record.window.over, float(solution.model.depth)
     if waves.kind == "regular":
         eta = record["eta"][:, chosen].T
@@ -298,6 +331,38 @@ def _reflection(case: Sections, record: Record) -> dict[str, float]:
         "Te": sea.incident.Te,
         "P_inc_measured": sea.incident.power(depth, case.fluid.rho0, case.g),
     }
+
+
+def why_no_reflection(case: Sections) -> str:
+    """Reason why a case's gauges cannot give the reflection coefficient; empty if they can, or if there are
+    neither gauges nor waves."""
+    geometry = Geometry.of(case)
+    if case.waves is None or not len(geometry.gauges):
+        return ""
+    try:
+        _, x = _enough_gauges(case)
+        if case.waves.kind == "regular":
+            analysis.check_separable(x, case.waves.T, float(geometry.depth), case.g)
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+def _enough_gauges(case: Sections) -> tuple[list[int], NDArray[np.float64]]:
+    """Indices and positions (m) of the gauges of `flume_gauges`. **Raises** ValueError for fewer than
+    three."""
+    chosen = flume_gauges(case)
+    if len(chosen) < 3:
+        first, last = _free_flume(case)
+        if first >= last:
+            raise ValueError(
+                "no gauge can be far enough from the paddle, absorbing zones and solids; use a longer tank"
+            )
+        raise ValueError(
+            f"three gauges or more are needed between x = {first:g} and {last:g} m, where evanescent waves "
+            f"are negligible, but there are {len(chosen)}; add gauges to probes.gauges"
+        )
+    return chosen, np.asarray(Geometry.of(case).gauges, np.float64)[chosen]
 
 
 def two_way_sea(

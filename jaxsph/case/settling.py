@@ -14,6 +14,9 @@ from jaxsph.case.wave_section import AbstractWavesSection
 from jaxsph.problem.record import Window
 from jaxsph.waves import theory
 
+FEW = 5
+"""Number of averaged periods below which a longer run is advised."""
+
 
 def given_waves(case: Sections) -> AbstractWavesSection:
     """Waves of a case; the case must have waves."""
@@ -34,6 +37,24 @@ def travel_time(case: Sections, x: float) -> float:
     return x / (speed * float(np.cos(waves.direction)))
 
 
+def too_few(periods: float) -> bool:
+    """Whether a longer run is advised, because so few periods are averaged."""
+    return periods < FEW
+
+
+def averages_from(case: Sections, since: float = 0.0) -> float:
+    """Time (s) from which periods may be averaged, if the case was last changed at the time `since` (s)."""
+    if since > 0.0:
+        return max(settling_time(case), since + travel_time(case, Geometry.of(case).length))
+    return settling_time(case)
+
+
+def most_periods(case: Sections) -> int:
+    """Largest number of periods that are averaged: `output.periods`, or those of one repetition of a sea."""
+    waves = given_waves(case)
+    return case.output.periods if waves.repeats is None else round(waves.repeats / waves.cycle)
+
+
 def settled_periods(case: Sections, t1: float, since: float = 0.0) -> int:
     """Number of whole periods at the end of a run to t1 (s) that may be averaged; 0 or less if none may.
 
@@ -42,12 +63,15 @@ def settled_periods(case: Sections, t1: float, since: float = 0.0) -> int:
     of a sea is averaged. `since`: time (s) of the run's last change, after which the energy has to reach the
     far end again. `settled_window` finds which of these periods have settled.
     """
-    waves = given_waves(case)
-    begin = settling_time(case)
-    if since > 0.0:
-        begin = max(begin, since + travel_time(case, Geometry.of(case).length))
-    whole = int((t1 - begin) / waves.cycle + 1e-6)
-    return min(whole, case.output.periods if waves.repeats is None else round(waves.repeats / waves.cycle))
+    whole = int((t1 - averages_from(case, since)) / given_waves(case).cycle + 1e-6)
+    return min(whole, most_periods(case))
+
+
+def run_until(case: Sections, begin: float, periods: int) -> float:
+    """Value of t1 (s) with which `periods` periods after `begin` (s) are averaged, rounded up to 4 digits."""
+    end = begin + periods * given_waves(case).cycle + case.output.sample_dt
+    unit = 10.0 ** (np.floor(np.log10(end)) - 3.0)
+    return float(f"{np.ceil(end / unit) * unit:.4g}")
 
 
 def settled_window(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import abc
-from typing import Annotated, ClassVar
+import functools
+from collections.abc import Hashable
+from typing import Annotated, ClassVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,17 +97,28 @@ class AbstractWavesSection(Section, abc.ABC):
 
     def highest(self, depth: float, g: float) -> float:
         """Height of the highest expected wave, m: twice the largest elevation at the paddle."""
-        a, omega = self.sum_of_waves(depth, g)
-        waves = second_order.Harmonics(a, omega, omega)
-        return 2.0 * float(np.max(np.abs(waves.at(self._times))))
+        return _highest(cast(Hashable, self), depth, g)
 
     def stroke(self, depth: float, g: float) -> float:
         """Stroke of the paddle from end to end, m: twice its largest first-order displacement."""
-        a, omega = self.sum_of_waves(depth, g)
-        motion = second_order.displacement(a, omega, depth, g)
-        return 2.0 * float(np.max(np.abs(motion.at(self._times))))
+        return _stroke(cast(Hashable, self), depth, g)
 
     @property
-    def _times(self) -> NDArray[np.float64]:
+    def times(self) -> NDArray[np.float64]:
         """Times at which elevation and paddle displacement are computed to find their extremes, s."""
         return np.arange(0.0, self.cycle if self.repeats is None else self.repeats, 0.04 * self.period)
+
+
+# the sums over a long sea take seconds, and the geometry of a case is computed many times
+@functools.lru_cache(maxsize=64)
+def _highest(waves: AbstractWavesSection, depth: float, g: float) -> float:
+    """See `AbstractWavesSection.highest`."""
+    a, omega = waves.sum_of_waves(depth, g)
+    return 2.0 * float(np.max(np.abs(second_order.Harmonics(a, omega, omega).at(waves.times))))
+
+
+@functools.lru_cache(maxsize=64)
+def _stroke(waves: AbstractWavesSection, depth: float, g: float) -> float:
+    """See `AbstractWavesSection.stroke`."""
+    a, omega = waves.sum_of_waves(depth, g)
+    return 2.0 * float(np.max(np.abs(second_order.displacement(a, omega, depth, g).at(waves.times))))

@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from jaxsph.cli.arguments import CaseName, Quick, Quiet, Settings, load
-from jaxsph.cli.studies import INTERRUPTED, announce, cluster, compile_as_members
+from jaxsph.cli.studies import INTERRUPTED, announce, cluster
 from jaxsph.cli.terminal import messages, print_notes, print_table
 
 FAR_OFF = 0.1
@@ -76,7 +76,6 @@ def coefficients(  # its arguments are the options of the command
     """Compute added mass, damping and wave excitation of bodies, or continue an interrupted study."""
     import jaxsph as js
 
-    compile_as_members()
     with messages(INTERRUPTED), cluster(scheduler) as executor:
         loaded = load(case, settings, quick)
         motions = _asked(loaded, body, motion)

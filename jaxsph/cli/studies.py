@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -73,8 +72,6 @@ def sweep(
     """Run a case for every combination of parameter values, or continue an interrupted sweep."""
     import jaxsph as js
 
-    compile_as_members()
-
     with messages(INTERRUPTED), cluster(scheduler) as executor:
         loaded = load(case, settings, quick)
         over = each_once((values_of(text) for text in grid), "--grid")
@@ -134,8 +131,6 @@ def matrix(
     table."""
     import jaxsph as js
 
-    compile_as_members()
-
     with messages(INTERRUPTED), cluster(scheduler) as executor:
         loaded = load(case, settings, quick)
         scatter = None if table is None else js.ScatterTable.read(table)
@@ -149,7 +144,7 @@ def matrix(
             _note(loaded, {"waves.Hs": Hs, "waves.Tp": Tp})
             announce(loaded, out, len(Hs) * len(Tp) * seeds, None, scheduler)
         done = js.power_matrix(loaded, Hs, Tp, out, seeds=seeds, executor=executor, progress=not quiet)
-        print_table(_matrix_rows(done, scatter))
+        unknown = _print_matrix(done, scatter)
         typer.echo(f"recorded in {out}")
         if not quiet:
             _doubt(loaded, done.sweep)
@@ -157,7 +152,7 @@ def matrix(
 
             typer.echo(f"picture: {plot_matrix(done, out.with_name(out.stem + '_plots'))}")
         write_page(out, report, quiet)
-        _end_with_failures(done.sweep)
+        _end_with_failures(done.sweep, unknown)
 
 
 def slope(  # its arguments are the options of the command
@@ -198,7 +193,7 @@ def slope(  # its arguments are the options of the command
         print_table(
             [
                 (of, f"{found.value:.4g}"),
-                (f"d {of} / d {over}", f"{found.slope:.4g}{error}"),
+                (f"d {of} / d {over}", f"{found.slope:.4g}{error}{_missing_runs(found)}"),
                 ("valid for changes up to", f"{found.reach:.3g}"),
             ]
         )
@@ -240,9 +235,6 @@ def optimise(  # its arguments are the options of the command
     """Search for the parameter values that maximise a result, or continue an interrupted search."""
     import jaxsph as js
 
-    if method is Way.ensemble:
-        compile_as_members()
-
     with messages(INTERRUPTED):
         loaded = load(case, settings, quick)
         out = out if out is not None else Path("runs") / f"{loaded.name}_optimum.h5"
@@ -263,18 +255,27 @@ def optimise(  # its arguments are the options of the command
         write_page(out, report, quiet)
 
 
+def _missing_runs(found: Any) -> str:
+    """Text in brackets after a slope: from how many runs it is, and why the others are missing; empty if
+    none is missing."""
+    known = [math.isfinite(value) for value in found.members.get(found.of, ())]
+    if all(known):
+        return ""
+    why = [
+        f"member {k} failed: {found.failures[k].splitlines()[0]}"
+        if k in found.failures
+        else f"member {k} gave no {found.of}"
+        for k, one in enumerate(known)
+        if not one
+    ]
+    return f" ({sum(known)} of {len(known)} runs; {'; '.join(why)})"
+
+
 def _evaluation(here: Mapping[str, float], of: str, keys: Sequence[str]) -> tuple[str, str]:
     """Texts for one evaluation of a search: parameter values, and the result with its slopes."""
     place = ", ".join(f"{key} = {here[key]:.4g}" for key in keys)
     slopes = "".join(f", slope {here[f'slope {key}']:.3g} +- {here[f'error {key}']:.2g}" for key in keys)
     return f"{of} at {place}", f"{here[of]:.4g}{slopes}"
-
-
-def compile_as_members() -> None:
-    """Sets the members' compiler flags before JAX starts, so that members reuse this process's programs."""
-    from jaxsph.study.members import FORWARD_FLAGS
-
-    os.environ.setdefault("XLA_FLAGS", FORWARD_FLAGS)
 
 
 def _refuse_equal(loaded: Any, over: Mapping[str, Sequence[float]]) -> None:
@@ -322,14 +323,16 @@ def announce(
     import jaxsph as js
     from jaxsph.run.devices import available_cores
 
+    counted = f"{most}1 run" if runs == 1 else f"{most}{runs} runs"
     if scheduler is not None:
-        typer.echo(f"{most}{runs} runs", err=True)
+        typer.echo(counted, err=True)
         return
     beside = min(runs, workers or available_cores())
     one = js.duration(loaded, devices=1)
     total = one.compilation + one.step * one.steps * math.ceil(runs / beside)
-    each = f"about {in_time(one.step * one.steps)} each, {beside} at a time"
-    typer.echo(f"{most}{runs} runs of {each}: {most}about {in_time(total)}", err=True)
+    each = "" if runs == 1 else f" each, {beside} at a time"
+    time = in_time(one.step * one.steps)
+    typer.echo(f"{counted} of about {time}{each}: {most}about {in_time(total)}", err=True)
 
 
 def _sweep_rows(done: Any) -> list[tuple[str, str]]:
@@ -342,8 +345,26 @@ def _sweep_rows(done: Any) -> list[tuple[str, str]]:
     return [(_place(done, place), f"{label} {done[name][place]:.4g}") for place in places]
 
 
-def _matrix_rows(done: Any, scatter: Any) -> list[tuple[str, str]]:
-    """One row per sea state, and one for the mean over the scatter table if there is one."""
+def _print_matrix(done: Any, scatter: Any) -> CaseError | None:
+    """Prints the power of each sea state, and the mean over the scatter table if there is one.
+
+    **Returns** the error if this mean is unknown, so that everything else can be printed and written first.
+    """
+    rows, unknown = _matrix_rows(done), None
+    if scatter is not None:
+        over = "year" if scatter.hours is None else f"{scatter.hours:,.0f} h of the table"
+        try:
+            mean = done.annual(scatter)
+            error = "" if math.isnan(mean.error) else f" +- {mean.error:.1g}"
+            rows.append((f"mean over the {over}", f"{mean.value:.3g}{error} {done.unit}"))
+        except CaseError as found:
+            unknown = found
+    print_table(rows)
+    return unknown
+
+
+def _matrix_rows(done: Any) -> list[tuple[str, str]]:
+    """One row per sea state, with its mean power."""
     unit, rows = done.unit, []
     for i, height in enumerate(done.Hs):
         for j, period in enumerate(done.Tp):
@@ -351,20 +372,21 @@ def _matrix_rows(done: Any, scatter: Any) -> list[tuple[str, str]]:
             theory = "" if linear != linear else f"; linear theory {linear:.3g}"  # NaN: no theory
             error = "" if math.isnan(done.error[i, j]) else f" +- {done.error[i, j]:.1g}"
             xi = "" if math.isnan(done.xi[i, j]) else f" (xi {done.xi[i, j]:.3g})"
-            value = f"{done.P[i, j]:.3g}{error} {unit}{xi}{theory}"
-            rows.append((f"Hs = {height:g} m, Tp = {period:g} s", value))
-    if scatter is not None:
-        mean = done.annual(scatter)
-        error = "" if math.isnan(mean.error) else f" +- {mean.error:.1g}"
-        over = "year" if scatter.hours is None else f"{scatter.hours:,.0f} h of the table"
-        rows.append((f"mean over the {over}", f"{mean.value:.3g}{error} {unit}"))
+            known = f"{done.P[i, j]:.3g}{error} {unit}{xi}"
+            value = "no mean power" if math.isnan(done.P[i, j]) else known
+            rows.append((f"Hs = {height:g} m, Tp = {period:g} s", f"{value}{theory}"))
     return rows
 
 
-def _end_with_failures(done: Any) -> None:
-    """Prints the members that failed, and ends the command with exit code 1 if there are any."""
+def _end_with_failures(done: Any, unknown: CaseError | None = None) -> None:
+    """Prints the members that failed, and ends the command with exit code 1 if there are any.
+
+    **Raises** the error `unknown` if it is given, after the failures are printed.
+    """
     for place, text in done.failures.items():
         typer.echo(f"failed: {_place(done, place)}: {text.splitlines()[0]}", err=True)
+    if unknown is not None:
+        raise unknown
     if done.failures:
         raise typer.Exit(1)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import typer
 
-from jaxsph.errors import JaxsphError, SimulationError
+from jaxsph.errors import ERROR_MARK, JaxsphError, SimulationError
 from jaxsph.run import interrupt
 
 
@@ -51,7 +51,7 @@ def messages(interrupted: str = "interrupted") -> Iterator[None]:
     try:
         yield
     except JaxsphError as error:
-        typer.echo(f"jaxsph: error: {error}", err=True)
+        typer.echo(f"{ERROR_MARK}{error}", err=True)
         raise typer.Exit(1 if isinstance(error, SimulationError) else 2) from None
     except KeyboardInterrupt:
         typer.echo(f"jaxsph: {interrupted}", err=True)

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Components, Float, Int, Scalar, dot
 from jaxsph.core.kernels import AbstractKernel
+from jaxsph.core.native.forms import available, native_loop
 from jaxsph.core.transforms import any_lane, gather, gather_linearly, keep
 
 Fields = Any
@@ -144,16 +145,32 @@ def pair_weights(
     The second results are the weights of a sum that is evaluated many times (`weighted_sum`). The arguments
     are those of `pair_sum`; the law returns a pair (term, weight).
     """
-    terms = _terms(law, smoothing, targets, sources, gather)
-    summed = jax.tree.map(
-        lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(lambda slot: terms(slot)[0], table[0])
-    )
+    fields = (smoothing, targets, sources)
+    terms, closed = jax.closure_convert(_terms(law, *fields, gather), table[0])
+    summed, weights = jax.eval_shape(terms, table[0], *closed)
+    native, given = _native(law, *fields, table, len(jax.tree.leaves(summed)))
+    structure = jax.tree.structure((summed, weights))
 
-    def add(total, slot):
-        term, weight = terms(slot)
-        return jax.tree.map(jnp.add, total, term), weight
+    def by_jax(table, *closed):
+        def add(total, slot):
+            term, weight = terms(slot, *closed)
+            return jax.tree.map(jnp.add, total, term), weight
 
-    return slot_loop().over(add, summed, table)
+        start = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), summed)
+        return slot_loop().over(add, start, table)
+
+    @jax.custom_jvp
+    def found(table, closed, given):
+        if not native:
+            return by_jax(table, *closed)
+        return jax.tree.unflatten(structure, native(table, *given))
+
+    @found.defjvp
+    def _(primals, tangents):
+        (table, closed, _), (of_table, of_closed, _) = primals, tangents
+        return jax.jvp(by_jax, (table, *closed), (of_table, *of_closed))
+
+    return found(table, closed, given)
 
 
 def weighted_sum(
@@ -175,21 +192,39 @@ def weighted_sum(
 
 def _terms(law, smoothing, targets, sources, take):
     """Function of one slot that evaluates the law for every target and its source in that slot."""
-    x_i = targets["x"]
-    dim = len(x_i)
-    kernel, h = smoothing.kernel, smoothing.h
-    radius2 = smoothing.radius**2
 
     def pair_terms(slot):
-        j = jax.tree.map(lambda a: take(a, slot), sources)
-        r = nearest_image(tuple(a - b for a, b in zip(x_i, j["x"], strict=True)), smoothing.period)
-        r2 = dot(r, r)
-        inside = r2 < radius2
-        slope, value = _kernel_at(kernel, r2, h, dim)
-        F, W = jnp.where(inside, slope, 0.0), jnp.where(inside, value, 0.0)
-        return law(Pair(r, r2, F, W), targets, j)
+        return _term(law, smoothing, targets, jax.tree.map(lambda a: take(a, slot), sources))
 
     return pair_terms
+
+
+def _term(law, smoothing, i, j):
+    """Law's result for pairs with these fields of the target i and the source j."""
+    kernel, h = smoothing.kernel, smoothing.h
+    r = nearest_image(tuple(a - b for a, b in zip(i["x"], j["x"], strict=True)), smoothing.period)
+    r2 = dot(r, r)
+    inside = r2 < smoothing.radius**2
+    slope, value = _kernel_at(kernel, r2, h, len(r))
+    return law(Pair(r, r2, jnp.where(inside, slope, 0.0), jnp.where(inside, value, 0.0)), i, j)
+
+
+def _native(law, smoothing, targets, sources, table, sums):
+    """Native form of a pair sum and its arguments after the table; None and no arguments if there is none.
+
+    `sums`: number of the law's results that are added up.
+    """
+    if not available():
+        return None, ()
+    leaves, structure = jax.tree.flatten((targets, sources))
+    count = len(jax.tree.leaves(targets))
+
+    def one(*fields):
+        return jax.tree.leaves(_term(law, smoothing, *jax.tree.unflatten(structure, fields)))
+
+    one, constants = jax.closure_convert(one, *(jax.ShapeDtypeStruct((), a.dtype) for a in leaves))
+    native = native_loop(one, leaves[:count], leaves[count:], constants, table, sums)
+    return native, (*leaves, *constants) if native else ()
 
 
 @functools.partial(jax.jit, static_argnums=3)
@@ -235,8 +270,15 @@ def _summed(law, smoothing, targets, sources, table, take):
         filled = any_lane(jnp.any(rows != empty))
         return jax.lax.cond(filled, add, lambda total, *_: total, total, rows, *closed)
 
+    native, given = None, ()
+    if take is gather:  # the sums of tangents must be transposed
+        fields = (law, smoothing, targets, sources, table)
+        native, given = _native(*fields, len(jax.tree.leaves(shapes)))
+
     @jax.custom_jvp
-    def total_of(table, *closed):
+    def total_of(table, closed, given):
+        if native:
+            return jax.tree.unflatten(jax.tree.structure(shapes), native(table, *given))
         return added(functools.partial(where_filled, add), zero(), table, *closed)
 
     @total_of.defjvp
@@ -248,9 +290,10 @@ def _summed(law, smoothing, targets, sources, table, take):
             add_rows = functools.partial(added, add)
             return where_filled(add_rows, add_rows(zero(), table[:own], *closed), table[own:], *closed)
 
-        return jax.jvp(total_of, primals, tangents)
+        (table, closed, _), (of_table, of_closed, _) = primals, tangents
+        return jax.jvp(total_of, (table, *closed), (of_table, *of_closed))
 
-    return total_of(table, *closed)
+    return total_of(table, closed, given)
 
 
 def with_empty(fields: Fields) -> Fields:

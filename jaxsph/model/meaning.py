@@ -66,6 +66,8 @@ class Oscillation(NamedTuple):
     """Whether the ratio of the amplitude to the amplitude of the incident waves is also a result (an RAO)."""
     drifts: bool = False
     """Whether the mean may change steadily; the change in a period is then also a result."""
+    mean_is: str = ""
+    """Explanation of the mean, for example "mean drift force"; empty if there is nothing to explain."""
 
 
 class Group(enum.StrEnum):

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+import shapely
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import KDTree
 
 from jaxsph.analysis.fields import FAR, linear_fit, vorticity
 from jaxsph.errors import FileError
+from jaxsph.output.plot.tank import outlines_of
 from jaxsph.output.run_file import RunFile
 from jaxsph.output.sweep_file import SweepFile
 
@@ -60,7 +62,10 @@ def on_grid(
 
     **Arguments**: `snapshot`: as returned by `RunFile.snapshot`; `x` and `z`: coordinates of the grid, m;
     `y`: position of the grid's plane across a three-dimensional tank, m, by default mid-width of the water.
-    Values outside the water are NaN. **Raises** ValueError if there are too few particles for a linear fit.
+    Values outside the water are NaN. In two dimensions so are values inside solids, as the run's pictures
+    draw the solids, if the run's file gives their outlines; in three dimensions values inside solids thinner
+    than about two spacings are interpolated. **Raises** ValueError if there are too few particles for a
+    linear fit.
     """
     with wanted("js.on_grid", "xarray"):
         import xarray
@@ -73,7 +78,8 @@ def on_grid(
     particles = KDTree(places)
     fit = linear_fit(particles, np.column_stack([u, p]), points)
     spacing = float(np.median(particles.query(places, 2)[0][:, 1]))
-    shown = np.where(fit.nearest < FAR * spacing, 1.0, np.nan)
+    wet = (fit.nearest < FAR * spacing) & ~_in_solids(snapshot, points)
+    shown = np.where(wet, 1.0, np.nan)
     fields = {
         "velocity_x": (fit.value[:, 0], "m s-1", "velocity of the water along the tank"),
         "velocity_z": (fit.value[:, u.shape[1] - 1], "m s-1", "velocity of the water upwards"),
@@ -86,6 +92,16 @@ def on_grid(
     }
     at = {"x": _variable(("x",), x, "m", "along the tank"), "z": _variable(("z",), z, "m", "upwards")}
     return xarray.Dataset(found, at, {"time": float(snapshot["time"])})
+
+
+def _in_solids(snapshot: Mapping[str, Any], points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether points `[N, 2]` (m) are inside a solid in the pose of a snapshot; False in three dimensions,
+    where outlines are only projections, and for a snapshot without a scene."""
+    inside = np.zeros(len(points), bool)
+    if points.shape[1] == 2:
+        for outline in outlines_of(getattr(snapshot, "scene", {})):
+            inside |= shapely.contains_xy(shapely.Polygon(outline.at(snapshot)), points)
+    return inside
 
 
 def _variable(dims, values, units: str, long_name: str):

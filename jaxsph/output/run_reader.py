@@ -28,6 +28,15 @@ from jaxsph.output.run_groups import Labels, snapshot_name, text_of
 from jaxsph.output.run_view import View, owner_of, part_of
 
 
+class Snapshot(dict[str, Any]):
+    """Arrays and scalars of one snapshot by name, with the `scene` of its run (see `run.scene`)."""
+
+    def __init__(self, values: dict[str, Any], scene: dict[str, Any]) -> None:
+        """Stores the values, and the solids and walls around the particles."""
+        super().__init__(values)
+        self.scene = scene
+
+
 class RunReader:
     """Reader of the file of one run. No file handle stays open between calls."""
 
@@ -186,7 +195,7 @@ class RunReader:
         with self._view() as view:
             return len(view.file["snapshots"]) + len(self._snapshots(view))
 
-    def snapshot(self, i: int) -> dict[str, Any]:
+    def snapshot(self, i: int) -> Snapshot:
         """Arrays and scalars of snapshot i, numbered from 0 in order of time; negative i counts from the end.
 
         **Raises** IndexError if there is no such snapshot.
@@ -197,12 +206,14 @@ class RunReader:
             raise IndexError(f"snapshot {i}: {self.path} has {count} snapshots{asked}")
         i %= count
         with self._view() as view:
+            scene = text_of(view.file, "scene", {})
             folded, more = len(view.file["snapshots"]), self._snapshots(view)
             if i >= folded:
                 found = part_of(view.journal, more[i - folded], "snapshot")
-                return {name: a if a.ndim else a.item() for name, a in found.items()}
+                return Snapshot({name: a if a.ndim else a.item() for name, a in found.items()}, scene)
             group = view.file["snapshots"][snapshot_name(i)]
-            return attributes(group) | {name: read(data) for name, data in group.items()}
+            arrays = {name: read(data) for name, data in group.items()}
+            return Snapshot(attributes(group) | arrays, scene)
 
     def snapshot_times(self) -> np.ndarray:
         """Times of the snapshots, s."""

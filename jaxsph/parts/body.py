@@ -37,6 +37,13 @@ ADRIFT = ("surge", "sway", "yaw")
 """Motions in which a floating body drifts, because the water exerts no restoring force."""
 
 
+MEANS = {
+    "force_x": "mean drift force; with water on one side only, it includes the hydrostatic force",
+    "force_z": "includes the hydrostatic force",
+}
+"""Explanations of the means of forces, by the names of the forces."""
+
+
 class BodyMotion(eqx.Module):
     """Motion of a rigid body at time t, and the forces of water and air on the body."""
 
@@ -132,7 +139,8 @@ class RigidBody(PosedSolid, AbstractBody):
     def readings(self, dim):
         """See `AbstractPart`."""
         units = "N m-1, N m-1, N" if dim == 2 else "N, N, N, N m, N m, N m"
-        force = f"the water's force on the {self.name}, and its moment about the pivot"
+        pivot = "the pivot, by default the centroid" if self.fixed else "the pivot"
+        force = f"the water's force on the {self.name}, and its moment about {pivot}"
         forces = {
             "body_force": Reading(units, force, "motion"),
             "body_force_mean": Reading(units, f"{force}, mean since the last sample", "motion"),
@@ -172,6 +180,7 @@ class RigidBody(PosedSolid, AbstractBody):
                 k,
                 True,
                 True,
+                mean_is=MEANS.get(name, ""),
             )
             for k, (name, words) in enumerate(self.space.loads.items())
         }

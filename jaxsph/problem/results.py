@@ -106,9 +106,10 @@ def _asked_of(
     found = {amplitude(name): (Label(f"{one.text}: amplitude", one.unit, "first harmonic"), size)}
     if one.over_waves:
         unit = "" if one.unit == "m" else f"{one.unit} per m"
-        found[f"rao_{name}"] = Label(f"  {one.text}: divided by the wave amplitude", unit), size / wave
+        rao = Label(f"  {one.text}: divided by the wave amplitude", unit, "response amplitude operator (RAO)")
+        found[f"rao_{name}"] = rao, size / wave
     if one.has_mean:
-        found[f"mean_{name}"] = Label(f"  {one.text}: mean", one.unit), mean
+        found[f"mean_{name}"] = Label(f"  {one.text}: mean", one.unit, one.mean_is), mean
     if one.drifts:
         found[f"drift_{name}"] = Label(f"  {one.text}: drift in a period", one.unit), drift
     return found

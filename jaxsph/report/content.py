@@ -18,7 +18,7 @@ from jaxsph.case.results import two_way_sea
 from jaxsph.case.settling import settled_window
 from jaxsph.errors import CaseError
 from jaxsph.model.meaning import Group
-from jaxsph.model.rigid import PLANE, space_with
+from jaxsph.model.rigid import PLANE
 from jaxsph.output.hdf5 import Variable
 from jaxsph.output.plot.series import energy_terms, harvested, work_of
 from jaxsph.output.plot.spectrum import WITHIN
@@ -26,7 +26,7 @@ from jaxsph.output.run_file import RunFile
 from jaxsph.problem.results import linear
 from jaxsph.report.doubts import doubts
 from jaxsph.report.frames import Frames
-from jaxsph.report.labels import in_order, in_words, is_flat, label_of, short
+from jaxsph.report.labels import components_of, in_order, in_words, is_flat, label_of, short
 from jaxsph.report.pack import Pack
 
 MOST_SAMPLES = 6000
@@ -148,7 +148,7 @@ def _warnings(
     ]
     found = [text for holds, text in rules if holds]
     found += [doubt.text for doubt in doubts(results, bool(keys.get("waves")))]
-    return [*found, *([] if case is None else case.notices())]
+    return [*found, *([] if case is None else case.notices(ended=bool(results)))]
 
 
 def _result_rows(
@@ -205,7 +205,8 @@ def panels(
     t, made = series["time"], []
     for name, title in _titles(series, variables).items():
         if np.ptp(np.nan_to_num(series[name])) > 0.0:
-            lines = [_line(label, t, values, pack) for label, values in _columns(name, series, coordinates)]
+            columns = _columns(name, series, coordinates, variables[name])
+            lines = [_line(label, t, values, pack) for label, values in columns]
             for level in (expected or {}).get(name, ()):
                 ends = t[[0, -1]]
                 lines.append(_line("linear theory", ends, np.full(2, level), pack) | {"dash": True})
@@ -243,6 +244,9 @@ def _is_of(name: str, names: Iterable[str]) -> bool:
 
 
 def _panel(name: str, title: str, units: str, lines: list[dict[str, Any]]) -> dict[str, Any]:
+    if units.startswith("N") and ", " in units:  # forces, followed by moments
+        force, *_, moment = units.split(", ")
+        units = f"{force} (force), {moment} (moment)"
     shown = {"1": "", "rad": "rad"}.get(
         units, units.replace("-1", "⁻¹").replace("-2", "⁻²").replace("2", "²")
     )
@@ -250,7 +254,10 @@ def _panel(name: str, title: str, units: str, lines: list[dict[str, Any]]) -> di
 
 
 def _columns(
-    name: str, series: dict[str, np.ndarray], coordinates: dict[str, Any]
+    name: str,
+    series: dict[str, np.ndarray],
+    coordinates: dict[str, Any],
+    variable: Variable | None = None,
 ) -> Iterable[tuple[str, np.ndarray]]:
     """(label, values) of every line of a panel."""
     values = series[name]
@@ -262,9 +269,8 @@ def _columns(
         yield from (
             (f"x = {x:.4g} m", row) for x, row in zip(coordinates["gauge_x"][1], values.T, strict=True)
         )
-    elif name == "body_force":
-        loads = space_with(values.shape[1]).loads.values()
-        yield from zip((words.removeprefix("force ") for words in loads), values.T, strict=True)
+    elif variable is not None and (words := components_of(variable, values.shape[1])):
+        yield from zip(words.values(), values.T, strict=True)
     else:
         yield from ((f"{k + 1}", row) for k, row in enumerate(values.reshape(len(values), -1).T))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from jaxsph.case.results import FEW
+from jaxsph.case.settling import FEW, too_few
 
 NOISY, UNBOOKED = 0.15, 0.03
 """Limits beyond which a result is doubtful: largest ratio of the particles' noise to their speed (-), and
@@ -43,7 +43,8 @@ def doubts(results: Mapping[str, float], waves: bool) -> list[Doubt]:
             "results, and report the case.",
         ),
         (
-            0 < periods < FEW and not results.get("periods_left_out"),  # else a notice gives this advice
+            # of periods that were left out, a notice gives this advice
+            0 < periods and too_few(periods) and not results.get("periods_left_out"),
             f"Results are averaged over {periods:.0f} period{'s' if periods > 1 else ''} only: raise t1, so "
             "that more settled periods can be averaged.",
             f"are averaged over fewer than {FEW} settled periods: raise t1.",

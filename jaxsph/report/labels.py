@@ -6,6 +6,8 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from jaxsph.model.meaning import Group, Label
+from jaxsph.model.rigid import SPACES, space_with
+from jaxsph.output.hdf5 import Variable
 from jaxsph.problem.results import LINEAR
 
 _DEVICE = {
@@ -36,7 +38,14 @@ _WAVES = {
     "periods_left_out": Label(
         "  earlier periods left out", "", "waves had arrived, but the means of the periods still had a trend"
     ),
-    "P_inc": Label("incident power", "W/m", "of the target waves, by theory"),
+    "P_inc": Label(
+        "incident power over the averaged periods", "W/m", "of the target waves in these periods, by theory"
+    ),
+    "P_inc_sea": Label(
+        "  incident power: of the whole sea",
+        "W/m",
+        "of the target sea, by theory; given if only a part of the sea is averaged",
+    ),
     "E_inc": Label("energy of the group", "J/m", "of the target waves, by theory"),
     "incident_height": Label("incident wave height", "m", "measured by the gauges"),
     "Hm0": Label("significant height of the incident waves", "m", "measured by the gauges"),
@@ -95,7 +104,7 @@ LABELS = {
 }
 """Labels of the scalar results in two dimensions, in the order of a table."""
 
-PER_METRE = ("P_inc", "E_inc", "P_inc_measured")
+PER_METRE = ("P_inc", "P_inc_sea", "E_inc", "P_inc_measured")
 """Names of the results that are per metre of width in three dimensions too."""
 
 
@@ -134,6 +143,23 @@ def label_of(name: str, flat: bool, own: Mapping[str, Sequence[str]] | None = No
     found = LABELS[name]
     per_metre = flat or name in PER_METRE
     return found if per_metre else found._replace(unit=found.unit.removesuffix("/m"))
+
+
+def components_of(variable: Variable, count: int) -> dict[str, str]:
+    """Short names of the components of a reading of a rigid body, with their descriptions; empty for others.
+
+    `count`: number of components. The components are forces ("x", "z", "moment") or velocities ("surge").
+    """
+    if variable.dim != "motion" or count not in (len(space.motions) for space in SPACES.values()):
+        return {}
+    space = space_with(count)
+    if not variable.units.startswith("N"):
+        return {name: name for name in space.motions}
+    found = {name.removeprefix("force_"): words for name, words in space.loads.items()}
+    return {
+        name: words if name.startswith("moment") else f"{words.removeprefix('force ')} ({name})"
+        for name, words in found.items()
+    }
 
 
 def is_flat(keys: Mapping[str, Any]) -> bool:

@@ -33,11 +33,11 @@ def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:
     search = any(name.startswith("slope ") for name in results)
     members = [_member(stored, index, flat, pack) for index in sorted(stored.members)]
     waiting = int(np.prod(stored.shape)) - len(members)
-    warnings = [
-        f"{one['place']}: failed: {one['failure'].splitlines()[0]}" for one in members if one["failure"]
-    ]
+    failed = [one for one in members if one["failure"]]
+    warnings = [f"{one['place']}: failed: {one['failure'].splitlines()[0]}" for one in failed]
     if waiting:
-        warnings.insert(0, f"{waiting} of {waiting + len(members)} members have not ended yet.")
+        has = "has" if waiting == 1 else "have"
+        warnings.insert(0, f"{waiting} of {waiting + len(members)} members {has} not ended yet.")
     case = case_of(keys)
     warnings += doubts_of_members(
         [one["results"] for one in members if not one["failure"]], bool(keys.get("waves"))
@@ -57,11 +57,18 @@ def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:
         "axes": [{"name": name, "values": np.asarray(v, float).tolist()} for name, v in stored.axes.items()],
         "grid": tuple(len(v) for v in stored.axes.values()) == stored.shape,
         "members": members,
+        "counted": _counted(len(members) - len(failed), len(failed)),
         "first": first,
         "choices": [{"name": n, **label_of(n, flat, stored.meanings.labels)._asdict()} for n in shown],
         "warnings": warnings,
         "case": stored.case_toml,
     }
+
+
+def _counted(ended: int, failed: int) -> str:
+    """Numbers of the members that have ended with results, and of those that have failed, in words."""
+    words = "1 member that has ended" if ended == 1 else f"{ended} members that have ended"
+    return f"{words}, {failed} that {'has' if failed == 1 else 'have'} failed" if failed else words
 
 
 def _member(stored: StoredSweep, index: int, flat: bool, pack: Pack) -> dict[str, Any]:

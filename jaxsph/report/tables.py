@@ -15,7 +15,7 @@ from jaxsph.output.dataset import wanted
 from jaxsph.output.hdf5 import tell_write_errors
 from jaxsph.output.run_file import RunFile
 from jaxsph.output.sweep_file import SweepFile
-from jaxsph.report.labels import in_order, is_flat, label_of
+from jaxsph.report.labels import components_of, in_order, is_flat, label_of
 
 Cell = str | float | None
 """Content of a cell; None leaves it empty."""
@@ -87,8 +87,10 @@ def _of_run(run: RunFile) -> Iterator[Table]:
         if values.ndim == 1:
             columns[f"{name} ({units})"] = values
             continue
+        names = list(components_of(variables[name], values.shape[1]))
         for k, column in enumerate(values.reshape(len(values), -1).T):
-            place = ", ".join(f"{at[k]:.4g}" for at in where if at.ndim == 1) or str(k + 1)
+            named = names[k] if names else str(k + 1)
+            place = ", ".join(f"{at[k]:.4g}" for at in where if at.ndim == 1) or named
             columns[f"{name} [{place}] ({_unit(units, k)})"] = column
     yield Table(
         "series", list(columns), [list(map(float, row)) for row in zip(*columns.values(), strict=True)]

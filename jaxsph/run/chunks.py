@@ -25,6 +25,8 @@ EARLY = 20
 FASTER = 1.25
 """Safety factor on the largest speed so far (-), for choosing fewer steps between searches after a stale
 table."""
+REPLAYED = "neighbour tables changed, chunk replayed"
+"""Beginning of the notice of a replay."""
 
 
 def search_settings(model: Model) -> dict[str, int]:
@@ -76,7 +78,7 @@ def replay_chunk(
         if changed is None:
             break
         what = ", ".join(f"{k} = {v}" for k, v in changed.items())
-        say(f"neighbour tables changed, chunk replayed: {what}")
+        say(f"{REPLAYED}: {what}")
         model = with_settings(model, changed)
     return model, new, found
 

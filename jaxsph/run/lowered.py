@@ -21,6 +21,7 @@ import jax
 from jax import export
 
 from jaxsph.case.case import Case
+from jaxsph.core.native.forms import available, restored, used
 from jaxsph.core.programs import program_folder
 from jaxsph.model.interfaces import Model
 from jaxsph.model.probe import AbstractProbe
@@ -95,8 +96,11 @@ def advance(
 def _loaded(name: str) -> Lowered | None:
     """Program stored under a name; None if there is no file or the file is damaged."""
     try:
-        names, _, data = _path(name).read_bytes().partition(b"\n")
-        return Lowered(jax.jit(export.deserialize(bytearray(data)).call), tuple(json.loads(names)))
+        first, _, data = _path(name).read_bytes().partition(b"\n")
+        names, functions = json.loads(first)
+        if not restored(functions):
+            return None
+        return Lowered(jax.jit(export.deserialize(bytearray(data)).call), tuple(names))
     except Exception:  # a damaged file raises errors of many types
         return None
 
@@ -113,15 +117,19 @@ def _made(name: str, steps: Steps, tree: Any, avals: list[Any], static: tuple[in
         return [*jax.tree.leaves(new), *(readings[key] for key in found["names"])]
 
     shapes = [jax.ShapeDtypeStruct(a.shape, a.dtype, weak_type=a.weak_type) for a in avals]
+    program, arguments = jax.jit(flat), (jax.ShapeDtypeStruct((), "int32"), *shapes)
     try:
-        lowered = export.export(jax.jit(flat))(jax.ShapeDtypeStruct((), "int32"), *shapes)
+        program.trace(*arguments)  # afterwards the native functions that the program calls are known
+        functions = used()
+        known = [export.DisabledSafetyCheck.custom_call(function) for function in functions]
+        lowered = export.export(program, disabled_checks=known)(*arguments)
         data = lowered.serialize()
     except (ImportError, NotImplementedError, ValueError):
         return None  # JAX cannot export one of the operations
     if not found["alike"]:
         return None
     with contextlib.suppress(OSError):  # the next run traces its steps again
-        put_file(_path(name), json.dumps(found["names"]).encode() + b"\n" + data)
+        put_file(_path(name), json.dumps([found["names"], functions]).encode() + b"\n" + data)
     return Lowered(jax.jit(lowered.call), tuple(found["names"]))
 
 
@@ -143,4 +151,4 @@ def _surroundings() -> str:
     )
     device = jax.devices()[0]
     versions = [version(name) for name in LIBRARIES]
-    return f"{code.hexdigest()} {versions} {settings} {device.platform} {device.device_kind}"
+    return f"{code.hexdigest()} {versions} {settings} {device.platform} {device.device_kind} {available()}"

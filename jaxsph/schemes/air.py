@@ -42,6 +42,16 @@ which may differ from the solution in the first digit.
 """
 
 
+LEAST = 0.1
+"""Smallest compliance of a chamber as a fraction of its value if the air moved only the particles at the
+surface (-).
+
+The fraction is 0.5 to 0.75 in an undisturbed chamber, and 0.25 when the water level falls to the edge of the
+wall. Below this level the computed response of the disordered water can be negative, with which a turbine's
+law has no solution.
+"""
+
+
 class Met(NamedTuple):
     """Pressures and flows of the air over a step that satisfy the laws of all chambers and ducts, by name."""
 
@@ -56,6 +66,8 @@ class WaterLine(NamedTuple):
     """Flow out of every chamber at the step's end if all pressures were zero, m3/s (m2/s in 2-D)."""
     compliance: Mapping[tuple[str, str], Scalar]
     """Decrease of chamber a's flow per unit pressure of chamber b, by (a, b), m3/s/Pa (m2/s/Pa in 2-D)."""
+    limited: Scalar | float = 0.0
+    """Number of particles that are moved by the air of chambers whose compliance is limited (`LEAST`)."""
 
 
 @Part.AIR.scope()
@@ -106,8 +118,13 @@ def water_line(
         u = airs[b].push(responses[b].u, dt)
         bodies = velocity_changes(couplings, responses[b].pressures.accelerations, dt)
         compliance |= {(a, b): -air.flow(u, bodies) for a, air in airs.items()}
+    limited = jnp.zeros_like(dt)
+    for a, air in airs.items():
+        found, least = compliance[a, a], LEAST * dt * air.mobility()
+        limited = limited + (found < least) * jnp.sum(air.index < len(responses[a].u))
+        compliance[a, a] = jnp.maximum(found, least)
     unpressed = {a: flows[a] + sum(compliance[a, b] * before[b] for b in airs) for a in airs}
-    return WaterLine(unpressed, compliance)
+    return WaterLine(unpressed, compliance, limited)
 
 
 def meet_laws(model: Model, parts: Mapping[str, Any], line: WaterLine, interval: Interval) -> Met:
@@ -139,6 +156,8 @@ class CorrectedForAir(NamedTuple):
     """Flows out of the chambers at the step's end, m3/s (m2/s in 2-D)."""
     on_bodies: dict[str, Float[Array, " V"]]
     """Forces of the air on the bodies, N, N m (per metre in 2-D)."""
+    limited: Scalar
+    """See `WaterLine.limited`."""
 
 
 @Part.AIR.scope()
@@ -166,13 +185,14 @@ def correct_for_air(
 
     line = water_line(airs, responses, couplings, flows(u, pressures), before, dt)
     met, pressed = meet_laws(model, interval.before, line, interval), jnp.zeros_like(u)
+    limited = jnp.zeros_like(dt) + line.limited
     for name, law in met.chambers.items():
         missing, response = law.P_a - before[name], responses[name]
         pressures = pressures.plus(missing, response.pressures)
         pressed = pressed + missing * response.u
         u = airs[name].push(u + missing * response.u, dt * missing)
     forces = on_bodies(airs, {name: law.P_a for name, law in met.chambers.items()})
-    return CorrectedForAir(met, pressures, u, pressed, flows(u, pressures), forces)
+    return CorrectedForAir(met, pressures, u, pressed, flows(u, pressures), forces, limited)
 
 
 class _Laws(NamedTuple):

@@ -191,6 +191,7 @@ class ISPH(AbstractParticleScheme):
         return {
             "tension": "pressure below the lowest allowed pressure, raised to this limit",
             "crowding": "crowding stronger than that of ordinary disorder, limited",
+            "response": "particles in a chamber, whose response to the air is raised to a limit",
         }
 
     # ---------------------------------------------------------------- one step
@@ -250,9 +251,8 @@ class ISPH(AbstractParticleScheme):
         p_mean = p.p_mean + share * (pressures.p - p.p_mean)
         new = eqx.tree_at(lambda a: (a.u, a.p, a.p_mean), drift(p, dx), (u_new, pressures.p, p_mean))
         ledger = book(ledger, force_work(model, p, new, interval))
-        limits = book(state.limits, projected.limited)
-        status = checked_solution(state, projected)
-        state = State(new, parts, ledger, limits, state.step + 1, status)
+        limits = book(state.limits, projected.limited | {"response": found.limited})
+        state = State(new, parts, ledger, limits, state.step + 1, checked_solution(state, projected))
         return self.check(model, state, tables, p.x, at.particles.x)
 
     def _halfway(

@@ -41,6 +41,8 @@ class Derivative:
     linear fits, m per unit of the parameter."""
     members: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
     """Values of the parameter and of the result over an ensemble's members; empty for other methods."""
+    failures: dict[int, str] = field(repr=False, default_factory=dict)
+    """Error messages of an ensemble's failed members, by their numbers."""
 
 
 class AbstractMethod(eqx.Module):

@@ -90,6 +90,7 @@ class Ensemble(AbstractMethod):
             self.spread * abs(value),
             self,
             members=members,
+            failures={place[0]: text for place, text in sorted(done.failures.items())},
         )
 
 

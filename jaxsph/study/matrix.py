@@ -22,6 +22,8 @@ from jaxsph.study.sweep import MOST_MEMBERS, Sweep, sweep
 
 HOURS = 8766.0
 """Number of hours in a mean year of 365.25 days."""
+MOST_NAMED = 10
+"""Largest number of sea states that an error message names."""
 
 
 @dataclass(frozen=True)
@@ -106,10 +108,14 @@ class PowerMatrix:
         table has sea states outside the matrix, or needs a cell whose runs failed.
         """
         weight = self._weights(table)
-        if np.any(~np.isfinite(self.P) & (weight > 0.0)):
+        missing = np.argwhere(~np.isfinite(self.P) & (weight > 0.0))
+        if missing.size:
+            named = [f"Hs = {self.Hs[i]:g} m, Tp = {self.Tp[j]:g} s" for i, j in missing]
+            more = [f"{len(named) - MOST_NAMED} more"] if len(named) > MOST_NAMED else []
             raise CaseError(
-                "the matrix has no mean power for some sea states of the table: run the matrix again (with a "
-                "larger t1 if no run failed), or remove these sea states from the table"
+                "the matrix has no mean power for some sea states of the table, because it has none at "
+                f"{'; '.join([*named[:MOST_NAMED], *more])}: run the matrix again (with a larger t1 if no "
+                "run failed), or remove the sea states at and next to these from the table"
             )
         P, error = (np.where(weight > 0.0, a, 0.0) for a in (self.P, self.error))
         return Mean(float(np.sum(weight * P)), float(np.sqrt(np.sum((weight * error) ** 2))))
@@ -185,6 +191,19 @@ def power_matrix(
     return matrix_of(done)
 
 
+def _first_failure(done: Sweep) -> str:
+    """End of an error message: the number of failed runs, and the reason of the first; empty if none
+    failed."""
+    if not done.failures:
+        return ""
+    place = min(done.failures)
+    Hs, Tp, seed = (values[k] for values, k in zip(done.axes.values(), place, strict=True))
+    return (
+        f"; {len(done.failures)} of {len(done.members)} runs failed, first the one with Hs = {Hs:g} m, "
+        f"Tp = {Tp:g} s and seed = {seed:g}: {done.failures[place].splitlines()[0]}"
+    )
+
+
 def matrix_of(done: Sweep) -> PowerMatrix:
     """Power matrix of a sweep over waves.Hs, Tp and seed. **Raises** CaseError for other sweeps."""
     if [*done.axes] != ["waves.Hs", "waves.Tp", "waves.seed"]:
@@ -196,7 +215,7 @@ def matrix_of(done: Sweep) -> PowerMatrix:
     if not named:
         raise CaseError(
             "no run gave an absorbed power: check that the runs have not failed, that a device has a "
-            "damping, and that t1 is long enough"
+            f"damping, and that t1 is long enough{_first_failure(done)}"
         )
     powers = done.results[named[0]]
     # in three dimensions there is neither an efficiency nor its error

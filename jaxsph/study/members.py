@@ -31,12 +31,8 @@ from jaxsph.problem.toml import toml_value
 from jaxsph.run.interrupt import ATTACHED
 from jaxsph.run.stored import stored_identity
 from jaxsph.run.together import run_together, shape
+from jaxsph.study.failures import failure_of
 from jaxsph.study.ownership import refuse_other
-
-FORWARD_FLAGS = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion=true"
-"""Flags of the compiler (XLA) for members; these flags shorten a step by 17 %. The package does not use them
-by default, because a checkpointed reverse pass cannot be compiled with them; members only run forward."""
-
 
 LOOK = 0.5
 """Interval at which a worker checks a member's process and claim, s."""
@@ -149,7 +145,7 @@ def run_member(source: Source, stem: Path) -> Ended:
     found, variables = _read(run)
     if status:
         found["results"] = {}
-        found["failure"] = log.read_text(encoding="utf-8").strip() or f"ended with status {status}"
+        found["failure"] = failure_of(log.read_text(encoding="utf-8", errors="replace"), status)
     return found, variables
 
 
@@ -213,7 +209,7 @@ def _claim(path: Path) -> Iterator[_Claim]:
 
 def _run_process(command: list[Any], log: Path, claim: _Claim) -> int:
     """Runs a command while the claim holds, with its output in the file `log`; returns the exit status."""
-    environment = {"XLA_FLAGS": FORWARD_FLAGS} | os.environ | {ATTACHED: "1"}
+    environment = os.environ | {ATTACHED: "1"}
     with (
         log.open("w") as messages,
         # the pipe closes when this process ends, for whatever reason, and then the child ends too

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.core.arrays import Array, Bool, Float, Int
+from jaxsph.core.native.forms import Candidates, native_neighbours, native_order
 from jaxsph.core.pairs import Period, nearest_image
 from jaxsph.core.search.base import WIDTH, AbstractSearch, Grid, Table
 
@@ -103,7 +104,7 @@ def cell_key(x: Float[Array, "N D"], grid: Grid) -> Int[Array, " N"]:
 def cell_order(x: Float[Array, "N D"], grid: Grid) -> Int[Array, " N"]:
     """Permutation that sorts particles at x (m) by cell; stable, so that sorted particles keep their
     order."""
-    return jnp.argsort(cell_key(jax.lax.stop_gradient(x), grid), stable=True)
+    return _sort(cell_key(jax.lax.stop_gradient(x), grid), int(np.prod(grid.shape)))[0]
 
 
 def search(
@@ -154,7 +155,7 @@ def _search(
 ) -> Table:
     """Tables `[B, K, N]` of B lanes; the cells are numbered consecutively from lane to lane."""
     lanes, n_lane, m_lane = *targets.shape[:2], sources.shape[1]
-    n, m = lanes * n_lane, lanes * m_lane
+    n = lanes * n_lane
     targets, sources = (a.reshape(-1, a.shape[-1]) for a in (targets, sources))
     sees, kind = sees.reshape(-1), kind.reshape(-1)
     lane = jnp.arange(lanes, dtype=jnp.int32)
@@ -169,44 +170,62 @@ def _search(
 
     home = cell_index(targets, grid)
 
-    def line(offset, low, high, found):
-        """Adds the neighbours in one line of cells to the neighbours found so far."""
+    def span(offset, low, high):
+        """First candidate, and the end of the candidates, in one line of cells."""
         row, inside = _line(home, offset, grid)
         inside &= low <= high
         row = jnp.where(inside, row, 0) + of_target * (per_lane // last)
         first = start[row * last + low]
-        end = jnp.where(inside, start[row * last + high + 1], first)
+        return first, jnp.where(inside, start[row * last + high + 1], first)
 
-        def candidate(c, found):
-            rows, count = found
-            k = jnp.minimum(first + c, m - 1)
-            r = nearest_image(tuple(a - b[k] for a, b in zip(x_i, xs, strict=True)), grid.period)
-            r2, j = sum(a**2 for a in r), order[k]
-            near = (first + c < end) & (r2 < radius2) & ((sees & kinds[k]) != 0)
-            if same:
-                near &= j != me
-            # Every candidate, near or not, is written to the next free slot. A candidate that is not near is
-            # overwritten by the next candidate, or cleared below. A spare last slot receives the excess.
-            slot = jnp.minimum(count, capacity)
-            return put(rows, slot, j), count + near.astype(jnp.int32)
-
-        return jax.lax.fori_loop(0, jnp.max(end - first, initial=0), candidate, found)
-
-    rows, put = _slots(capacity + 1, n)
-    found = (rows, jnp.zeros(n, jnp.int32))
-    for offset in itertools.product(range(-WIDTH, WIDTH + 1), repeat=len(grid.shape) - 1):
-        for low, high in _spans(home, grid):
-            found = line(offset, low, high, found)
-    rows, count = found
+    spans = [
+        span(offset, low, high)
+        for offset in itertools.product(range(-WIDTH, WIDTH + 1), repeat=len(grid.shape) - 1)
+        for low, high in _spans(home, grid)
+    ]
+    own = me if same else jnp.full_like(me, -1)
+    among = Candidates(x_i, sees, own, xs, kinds, order, spans, radius2)
+    rows, count = native_neighbours(among, grid.period, capacity) or _neighbours(among, grid.period, capacity)
     filled = jnp.arange(capacity, dtype=jnp.int32)[:, None] < count[None, :]
-    indices = rows.reshape(capacity + 1, n)[:capacity] - (of_target * m_lane)[None, :]
+    indices = rows - (of_target * m_lane)[None, :]
     indices = jnp.where(filled, indices, m_lane).reshape(capacity, lanes, n_lane).swapaxes(0, 1)
     return Table(indices, jnp.max(count.reshape(lanes, n_lane), axis=1, initial=0))
 
 
+def _neighbours(among: Candidates, period: Period, capacity: int) -> tuple[Array, Array]:
+    """JAX's form of `native_neighbours`."""
+
+    def candidate(first, end, c, found):
+        rows, count = found
+        k = jnp.minimum(first + c, len(among.indices) - 1)
+        there = (a[k] for a in among.sources)
+        r = nearest_image(tuple(a - b for a, b in zip(among.x, there, strict=True)), period)
+        r2, j = sum(a**2 for a in r), among.indices[k]
+        seen = (among.sees & among.kinds[k]) != 0
+        near = (first + c < end) & (r2 < among.radius2) & seen & (j != among.own)
+        # Every candidate, near or not, is written to the next free slot. A candidate that is not near is
+        # overwritten by the next candidate, or cleared later. A spare last slot receives the excess.
+        slot = jnp.minimum(count, capacity)
+        return put(rows, slot, j), count + near.astype(jnp.int32)
+
+    n = len(among.sees)
+    rows, put = _slots(capacity + 1, n)
+    found = (rows, jnp.zeros(n, jnp.int32))
+    for first, end in among.spans:
+        add = functools.partial(candidate, first, end)
+        found = jax.lax.fori_loop(0, jnp.max(end - first, initial=0), add, found)
+    rows, count = found
+    return rows.reshape(capacity + 1, n)[:capacity], count
+
+
 def _sort(key: Int[Array, " M"], cells: int) -> tuple[Int[Array, " M"], Int[Array, " C"]]:
-    """Order of the sources by cell number, and the position in that order at which every cell begins."""
-    order = jnp.argsort(key).astype(jnp.int32)
+    """Order of the sources by cell number, and the position in that order at which every cell begins.
+
+    The order is stable.
+    """
+    if native := native_order(key, cells):
+        return native
+    order = jnp.argsort(key, stable=True).astype(jnp.int32)
     return order, jnp.cumsum(jnp.zeros(cells + 1, jnp.int32).at[key + 1].add(1), dtype=jnp.int32)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,14 +27,23 @@ class Outline:
     pivot: np.ndarray
     """Pivot `[2]` about which the solid rotates, m."""
 
-    def at(self, snapshot: dict[str, Any]) -> np.ndarray:
+    def at(self, snapshot: Mapping[str, Any]) -> np.ndarray:
         """Corners `[K, 2]` (m) in the pose of a snapshot."""
         return move(self.corners, self.pivot, self.pose(snapshot))
 
-    def pose(self, snapshot: dict[str, Any]) -> np.ndarray:
+    def pose(self, snapshot: Mapping[str, Any]) -> np.ndarray:
         """Surge (m), heave (m) and pitch (rad) `[3]` in a snapshot, which in 3-D holds all six motions."""
         found = np.asarray(snapshot.get(self.name, np.zeros(3)), float)
         return found if len(found) == 3 else found[[0, 2, 4]]
+
+
+def outlines_of(scene: dict[str, Any]) -> tuple[Outline, ...]:
+    """Outlines of the solids of a scene (`run.scene`)."""
+    return tuple(
+        Outline(one["name"], np.asarray(one["corners"], float), np.asarray(one["pivot"], float)[[0, -1]])
+        for one in scene.get("solids", ())
+        if one["corners"]
+    )
 
 
 @dataclass(frozen=True)
@@ -63,11 +73,7 @@ class Tank:
         spacing = (np.prod(high - low) / len(ends[0])) ** (1.0 / len(low))
         dx, depth = float(scene.get("dx", spacing)), scene.get("level")
         top = float(max(high[-1], depth or high[-1]))
-        solids = tuple(
-            Outline(one["name"], np.asarray(one["corners"], float), np.asarray(one["pivot"], float)[[0, -1]])
-            for one in scene.get("solids", ())
-            if one["corners"]
-        )
+        solids = outlines_of(scene)
         # show a floating body as a whole, but not a wall that extends far above the water
         roofs = [float(one.corners[:, 1].max()) for one in solids]
         top = max([top, *(roof for roof in roofs if roof < ROOF * top)])

@@ -282,7 +282,7 @@ function sweepSections() {
       el("td", {}, el("button", { type: "button", class: "open", onclick: () => open(sweep, [one.index], opened), "aria-label": `Open ${one.place}` }, "Open"))));
     const head = el("tr", {}, el("th", { scope: "col" }, "member"), el("th", { scope: "col" }, (sweep.choices.find((one) => one.name === sweep.first) || { text: "result" }).text), el("th", { scope: "col" }, "series"));
     return [section(`${what} of ${sweep.name}`, el("p", { class: "hint" }, "A click on a result opens its member. Dashed or in italics: linear theory."), choice, place,
-      el("details", {}, el("summary", {}, `${sweep.members.length} members that have ended`), el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of members" }, el("table", {}, el("thead", {}, head), el("tbody", {}, ...rows)))), opened)];
+      el("details", {}, el("summary", {}, sweep.counted), el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of members" }, el("table", {}, el("thead", {}, head), el("tbody", {}, ...rows)))), opened)];
   });
 }
 

@@ -1,0 +1,1 @@
+"""Pair sums as native code: pair laws, compiled by LLVM for the processor at hand."""

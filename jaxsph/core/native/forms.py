@@ -1,0 +1,179 @@
+"""Native forms of sums over neighbours and of the loops of a neighbour search, where there are any.
+
+Native forms need a CPU and the package llvmlite (`jaxsph[native]`). Without them, and for pair laws with
+operations that cannot be translated, JAX's forms are used. The neighbours are the same; the sums agree up to
+rounding, because the order of summation and the fusing of products and sums differ.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxsph.core.arrays import Array
+
+_switch = {"on": importlib.util.find_spec("llvmlite") is not None}
+
+
+def available() -> bool:
+    """Whether native forms are used."""
+    return _switch["on"] and jax.default_backend() == "cpu"
+
+
+@contextlib.contextmanager
+def switched(on: bool) -> Iterator[None]:
+    """Context in which functions are traced with or without native forms."""
+    before = _switch["on"]
+    try:
+        _switch["on"] = on
+        yield
+    finally:
+        _switch["on"] = before
+
+
+def used() -> list[str]:
+    """Names of the native functions of this process, which a stored program may call."""
+    functions = sys.modules.get("jaxsph.core.native.functions")
+    return functions.registered() if functions else []
+
+
+def restored(names: Sequence[str]) -> bool:
+    """Whether the native functions that a stored program calls are available; loads them from their files."""
+    if not names:
+        return True
+    if not available():
+        return False
+    from jaxsph.core.native.functions import load
+
+    return load(names)
+
+
+def native_order(cells: Array, count: int) -> tuple[Array, Array] | None:
+    """Order of points by the numbers `[M]` of their cells, and the position at which each cell begins.
+
+    `count`: number of cells; the second array has the length `count` + 1. Points of one cell keep their
+    order. **Returns** None if there is no native form.
+    """
+    if not available():
+        return None
+    from jaxsph.core.native.functions import register
+    from jaxsph.core.native.searches import CellOrder
+
+    order, starts = (jax.ShapeDtypeStruct((n,), jnp.int32) for n in (len(cells), count + 1))
+    name = register(CellOrder().module)
+    found = jax.ffi.ffi_call(name, (order, starts, starts), vmap_method="sequential")(cells)
+    return found[0], found[1]
+
+
+class Candidates(NamedTuple):
+    """Targets of a search and, for each of them, ranges of candidates among the sources."""
+
+    x: Sequence[Array]
+    """Coordinates of the targets, an array `[N]` per axis, m."""
+    sees: Array
+    """Bit masks of the kinds of sources that each target sees, `[N]`."""
+    own: Array
+    """Index of the source that each target must not find, `[N]`; -1 for none."""
+    sources: Sequence[Array]
+    """Coordinates of the candidates, an array `[M]` per axis, m."""
+    kinds: Array
+    """Bit masks of the candidates' kinds, `[M]`."""
+    indices: Array
+    """Indices of the candidates, `[M]`."""
+    spans: Sequence[tuple[Array, Array]]
+    """First candidate and end of the candidates in each range, `[N]` each."""
+    radius2: Array
+    """Square of the search radius, m2."""
+
+
+def native_neighbours(
+    among: Candidates, period: tuple[tuple[int, float], ...], capacity: int
+) -> tuple[Array, Array] | None:
+    """Indices `[capacity, N]` of the targets' neighbours, and their number `[N]`.
+
+    The number may exceed `capacity`. Entries beyond the number of neighbours may have any value. `period`:
+    periodic axes and their lengths (m). **Returns** None if there is no native form.
+    """
+    if not available() or not among.x[0].size:
+        return None
+    from jaxsph.core.native.functions import register
+    from jaxsph.core.native.searches import CandidateLoop
+
+    count = len(among.x[0])
+    loop = CandidateLoop(len(among.x), np.dtype(among.x[0].dtype), len(among.spans), period)
+    results = [jax.ShapeDtypeStruct(shape, jnp.int32) for shape in ((capacity, count), (count,))]
+    called = jax.ffi.ffi_call(register(loop.module), results, vmap_method="sequential")
+    firsts, ends = zip(*among.spans, strict=True)
+    fields = (*among.x, among.sees, among.own, *among.sources, among.kinds, among.indices)
+    found = called(among.radius2, *fields, *firsts, *ends)
+    return found[0], found[1]
+
+
+def native_loop(
+    law: Callable[..., Sequence[Any]],
+    targets: Sequence[Array],
+    sources: Sequence[Array],
+    constants: Sequence[Array],
+    table: Array,
+    sums: int,
+) -> Callable[..., list[Array]] | None:
+    """Function of (table, *targets, *sources, *constants) that evaluates a law for all pairs of a table.
+
+    **Arguments**: `law`, a function of the scalars (*targets, *sources, *constants) that returns a flat list;
+    of its results the first `sums` are added up over the slots, `[N]`, and the others are stored for every
+    slot, `[K, N]`. **Returns** None if there is no native form.
+    """
+    kinds = {np.dtype(a.dtype) for a in sources}
+    if not available() or len(kinds) != 1 or any(np.ndim(a) for a in constants):
+        return None
+    (kind,) = kinds
+    closed = jax.make_jaxpr(law)(
+        *(jax.ShapeDtypeStruct((), a.dtype) for a in (*targets, *sources, *constants))
+    )
+    if kind.kind != "f" or any(np.ndim(a) for a in closed.consts):
+        return None
+    held = [jnp.asarray(a) for a in closed.consts]
+    name, row = _registered(closed, (held, targets, sources, constants), table.shape[1], sums)
+    if not name:
+        return None
+
+    def call(table: Array, *arguments: Array) -> list[Array]:
+        slots, n = table.shape
+        shapes = [((n,) if k < sums else (slots, n), a.dtype) for k, a in enumerate(closed.out_avals)]
+        rows = (arguments[len(targets)].shape[0], row), kind
+        results = [jax.ShapeDtypeStruct(*one) for one in (*shapes, rows)]
+        found = jax.ffi.ffi_call(name, results, vmap_method="sequential")(table, *held, *arguments)
+        return list(found[:-1])
+
+    return call
+
+
+def _registered(
+    closed: Any, arguments: tuple[Sequence[Array], ...], count: int, sums: int
+) -> tuple[str, int]:
+    """Name of the native function of a law for `count` targets, and the length of the sources' rows.
+
+    `closed`: the law's jaxpr; `arguments`: as for `PairLoop`. The name is empty if there is no native form.
+    """
+    from jaxsph.core.native.functions import register
+    from jaxsph.core.native.sums import PairLoop
+    from jaxsph.core.native.translation import UntranslatableError
+    from jaxsph.core.native.vectors import vector_bytes
+
+    held, targets, sources, constants = ([np.dtype(a.dtype) for a in of] for of in arguments)
+    results = [a.dtype for a in closed.out_avals]
+    loop = PairLoop(closed.jaxpr, held, targets, sources, constants, results[:sums], results[sums:])
+    lanes = vector_bytes() // sources[0].itemsize
+    if count < lanes:
+        return "", 0
+    try:
+        return register(lambda name: loop.module(name, lanes)), loop.row
+    except UntranslatableError:
+        return "", 0

@@ -1,0 +1,165 @@
+"""Translation of JAX's operations on scalars into instructions on vectors, one lane per pair of particles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from jax.extend import core as jex
+
+from jaxsph.core.native.vectors import Builder, Value, Vectors, scalar
+
+Rule = Callable[..., Value]
+"""Function of the writer of instructions and of vectors that returns a vector."""
+
+FUSED = ("contract",)
+"""Products and sums may become fused multiply-add instructions, as in XLA's code for a CPU."""
+
+
+class UntranslatableError(Exception):
+    """An operation or a type has no translation; JAX's form of the loop is used instead."""
+
+
+def translated(
+    vectors: Vectors, jaxpr: Any, constants: Sequence[Value], inputs: Sequence[Value]
+) -> list[Value]:
+    """Results of a jaxpr of scalar operations, for vectors as inputs.
+
+    `constants`: values of the jaxpr's constants. **Raises** UntranslatableError.
+    """
+    known: dict[Any, Value] = dict(zip(jaxpr.constvars, constants, strict=True))
+    known.update(zip(jaxpr.invars, inputs, strict=True))
+
+    def value(atom: Any) -> Value:
+        if isinstance(atom, jex.Literal):
+            return vectors.constant(atom.val, atom.aval.dtype)  # pyright: ignore[reportAttributeAccessIssue]
+        return known[atom]
+
+    for equation in jaxpr.eqns:
+        _check(equation)
+        found = _results(vectors, equation, [value(atom) for atom in equation.invars])
+        known.update(zip(equation.outvars, found, strict=True))
+    return [value(atom) for atom in jaxpr.outvars]
+
+
+def _check(equation: Any) -> None:
+    """**Raises** UntranslatableError for operations on arrays, and for types that vectors do not have."""
+    for atom in (*equation.invars, *equation.outvars):
+        try:
+            scalar(atom.aval.dtype)
+        except (KeyError, TypeError):
+            raise UntranslatableError(f"{equation.primitive} of {atom.aval}") from None
+        if atom.aval.shape:
+            raise UntranslatableError(f"{equation.primitive} of an array")
+
+
+def _results(vectors: Vectors, equation: Any, inputs: list[Value]) -> list[Value]:
+    """Results of one equation of a jaxpr."""
+    name, params = equation.primitive.name, equation.params
+    inner = params.get("jaxpr", params.get("call_jaxpr"))
+    if inner:  # a function within the function
+        inner, constants = getattr(inner, "jaxpr", inner), getattr(inner, "consts", ())
+        held = [vectors.constant(a, np.asarray(a).dtype) for a in constants]
+        return translated(vectors, inner, held, inputs)
+    dtype = np.dtype(equation.invars[0].aval.dtype)
+    if name in UNCHANGED:
+        return inputs[:1]
+    if name in COMPARISONS:
+        return [_compared(vectors.builder, COMPARISONS[name], dtype, *inputs)]
+    if name == "convert_element_type":
+        return [_converted(vectors, inputs[0], dtype, np.dtype(params["new_dtype"]))]
+    if name == "integer_pow":
+        return [_power(vectors, inputs[0], dtype, params["y"])]
+    rule = RULES.get((name, dtype.kind)) or RULES.get((name, ""))
+    if not rule:
+        raise UntranslatableError(f"{name} of {dtype}")
+    return [rule(vectors, *inputs)]
+
+
+UNCHANGED = ("copy", "copy_p", "stop_gradient", "name", "broadcast_in_dim", "reshape", "squeeze")
+"""Operations that do not change a scalar."""
+COMPARISONS = {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==", "ne": "!="}
+
+
+def _compared(builder: Builder, sign: str, dtype: np.dtype, a: Value, b: Value) -> Value:
+    """Comparison of two vectors; with a NaN only != is true."""
+    if dtype.kind == "f":
+        return (builder.fcmp_unordered if sign == "!=" else builder.fcmp_ordered)(sign, a, b)
+    return (builder.icmp_unsigned if dtype.kind == "b" else builder.icmp_signed)(sign, a, b)
+
+
+def _converted(vectors: Vectors, a: Value, old: np.dtype, new: np.dtype) -> Value:
+    """Vector converted to another type of elements."""
+    builder, kind = vectors.builder, vectors.type(new)
+    if old == new:
+        return a
+    if new.kind == "b":
+        return _compared(builder, "!=", old, a, vectors.constant(0, old))
+    if old.kind == "b":
+        return (builder.uitofp if new.kind == "f" else builder.zext)(a, kind)
+    if old.kind == "i" and new.kind == "f":
+        return builder.sitofp(a, kind)
+    if old.kind == new.kind == "f":
+        return (builder.fpext if new.itemsize > old.itemsize else builder.fptrunc)(a, kind)
+    raise UntranslatableError(f"conversion of {old} to {new}")
+
+
+def _power(vectors: Vectors, a: Value, dtype: np.dtype, exponent: int) -> Value:
+    """Power of a vector with a constant integer exponent, by repeated squaring."""
+    if dtype.kind != "f":
+        raise UntranslatableError(f"integer_pow of {dtype}")
+    builder, left, found = vectors.builder, abs(exponent), vectors.constant(1, dtype)
+    while left:
+        if left & 1:
+            found = builder.fmul(found, a)
+        a, left = builder.fmul(a, a), left >> 1
+    return builder.fdiv(vectors.constant(1, dtype), found) if exponent < 0 else found
+
+
+def _fused(name: str) -> Rule:
+    """Rule for an instruction that may be fused with another one."""
+    return lambda vectors, *inputs: getattr(vectors.builder, name)(*inputs, flags=FUSED)
+
+
+def _plain(name: str) -> Rule:
+    """Rule for an instruction."""
+    return lambda vectors, *inputs: getattr(vectors.builder, name)(*inputs)
+
+
+def _intrinsic(name: str) -> Rule:
+    """Rule for an operation that one of LLVM's intrinsic functions computes."""
+    return lambda vectors, *inputs: vectors.intrinsic(name, *inputs)
+
+
+def _inverse_root(vectors: Vectors, a: Value) -> Value:
+    """Inverse of the square root of a vector."""
+    return vectors.builder.fdiv(vectors.like(a, 1.0), vectors.intrinsic("sqrt", a))
+
+
+RULES: dict[tuple[str, str], Rule] = {
+    ("add", "f"): _fused("fadd"),
+    ("add_any", "f"): _fused("fadd"),
+    ("sub", "f"): _fused("fsub"),
+    ("mul", "f"): _fused("fmul"),
+    ("div", "f"): _plain("fdiv"),
+    ("neg", "f"): _plain("fneg"),
+    ("square", "f"): lambda vectors, a: vectors.builder.fmul(a, a, flags=FUSED),
+    ("exp", "f"): lambda vectors, a: vectors.exponential(a),
+    ("rsqrt", "f"): _inverse_root,
+    ("sqrt", "f"): _intrinsic("sqrt"),
+    ("abs", "f"): _intrinsic("fabs"),
+    ("max", "f"): _intrinsic("maximum"),
+    ("min", "f"): _intrinsic("minimum"),
+    ("floor", "f"): _intrinsic("floor"),
+    ("ceil", "f"): _intrinsic("ceil"),
+    ("add", "i"): _plain("add"),
+    ("sub", "i"): _plain("sub"),
+    ("mul", "i"): _plain("mul"),
+    ("and", ""): _plain("and_"),
+    ("or", ""): _plain("or_"),
+    ("xor", ""): _plain("xor"),
+    ("not", ""): _plain("not_"),
+    ("select_n", "b"): lambda vectors, which, no, yes: vectors.builder.select(which, yes, no),
+}
+"""Instructions for JAX's operations, by the name and the kind of the first input; "" stands for any kind."""
