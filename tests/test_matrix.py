@@ -111,6 +111,18 @@ def test_a_cell_is_the_mean_over_its_seeds_with_their_error():
     assert np.all(np.diff(matrix.linear, axis=0) > 0.0)
 
 
+def test_the_power_of_a_part_of_a_sea_is_scaled_to_the_whole_sea():
+    """The waves of one run of two carry 1.6 times the power of the sea: its efficiency counts."""
+    done = a_sweep(POWERS, 3.0)
+    done.results["P_inc_sea"] = np.full(POWERS.shape, np.nan)
+    done.results["P_inc_sea"][0, 0, 1] = 1.25
+    matrix = matrix_of(done)
+    np.testing.assert_allclose(matrix.P[0, 0], 0.5 * (POWERS[0, 0, 0] + POWERS[0, 0, 1] / 1.6))
+    np.testing.assert_allclose(matrix.error[0, 0], 0.5 * 3.0 * np.hypot(1.0, 1.0 / 1.6))
+    np.testing.assert_allclose(matrix.P[1], POWERS[1].mean(axis=1))
+    np.testing.assert_allclose(matrix.xi, POWERS.mean(axis=2) / 2.0)
+
+
 def test_a_year_is_the_weighted_mean_with_its_error(tmp_path):
     """For cells, and for a sea state in the middle of four cells."""
     matrix = matrix_of(a_sweep(POWERS))

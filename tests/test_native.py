@@ -347,7 +347,7 @@ def test_without_llvmlite_the_forms_of_jax_are_used():
         "import sys; sys.modules['llvmlite'] = None\n"
         "import conftest, jaxsph as js\n"
         "from jaxsph.core.native import forms\n"
-        "assert not forms.available()\n"
+        "assert not forms.available() and 'jaxsph[native]' in forms.advice()\n"
         "case = conftest.coarse('hydrostatic', {'output.snapshot_dt': 0.05})\n"
         "assert js.run(case, t1=0.02, progress=False, devices=1).series['time'].size\n"
     )

@@ -27,6 +27,7 @@ from jaxsph.cli.arguments import (
     setting_of,
 )
 from jaxsph.cli.terminal import messages, print_notes, print_table, write_page
+from jaxsph.core.native.forms import advice
 from jaxsph.errors import JaxsphError, SimulationError
 from jaxsph.output.run_file import RunFile
 from jaxsph.report.doubts import doubts
@@ -61,7 +62,8 @@ def run(
         if t1 is not None and not isinstance(loaded, js.Program):
             loaded = loaded.replace({"t1": t1})  # so that `resume` ends there too
         if not quiet:
-            print_notes(() if isinstance(loaded, js.Program) else loaded.notices())
+            notices = [] if isinstance(loaded, js.Program) else loaded.notices()
+            print_notes([*notices, *filter(None, [advice()])])
         with _resumable(out, case):
             solution = js.run(
                 loaded, t1=t1, out=out, overwrite=overwrite, progress=not quiet, devices=devices

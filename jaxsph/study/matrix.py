@@ -84,8 +84,9 @@ class PowerMatrix:
     Tp: NDArray[np.float64]
     """Peak periods, s."""
     P: NDArray[np.float64]
-    """Mean absorbed power, averaged over the seeds, `[Hs, Tp]`, W (W/m in 2-D); NaN if no run has a
-    result."""
+    """Mean absorbed power, averaged over the seeds, `[Hs, Tp]`, W (W/m in 2-D); NaN if no run has a result.
+    The power of a run over a part of its sea is multiplied by the ratio of the incident power of the whole
+    sea to that of the part."""
     error: NDArray[np.float64]
     """Standard error of the mean power, `[Hs, Tp]`, W (W/m in 2-D); NaN if it is unknown, for example for a
     single run in a three-dimensional tank."""
@@ -221,7 +222,10 @@ def matrix_of(done: Sweep) -> PowerMatrix:
     # in three dimensions there is neither an efficiency nor its error
     unknown = np.full(powers.shape, np.nan)
     efficiency, xi_error = (done.results.get(name, unknown) for name in ("xi", "xi_error"))
-    within = xi_error * done.results["P_inc"]
+    # a run over a part of the sea has the waves of this part: scale its power to that of the whole sea
+    incident, whole = done.results["P_inc"], done.results.get("P_inc_sea", unknown)
+    whole = np.where(np.isfinite(whole), whole, incident)
+    powers, within = powers * (whole / incident), xi_error * whole
     count = np.sum(np.isfinite(powers), axis=2)
     known = np.maximum(count, 1)
     P = np.where(count > 0, np.nansum(powers, axis=2) / known, np.nan)

@@ -27,6 +27,13 @@ def available() -> bool:
     return _switch["on"] and jax.default_backend() == "cpu"
 
 
+def advice() -> str:
+    """Note for a run on a CPU on which llvmlite is not installed; empty otherwise."""
+    if importlib.util.find_spec("llvmlite") or jax.default_backend() != "cpu":
+        return ""
+    return "a time step takes 0.5 to 0.6 times as long with native loops: pip install 'jaxsph[native]'"
+
+
 @contextlib.contextmanager
 def switched(on: bool) -> Iterator[None]:
     """Context in which functions are traced with or without native forms."""
