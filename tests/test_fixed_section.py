@@ -1,4 +1,4 @@
-"""Linear diffraction by a fixed section: energy, and the exciting force that follows from radiated waves."""
+"""Linear diffraction by a fixed section: energy, and the excitation force found from radiated waves."""
 
 import numpy as np
 import pytest

@@ -96,7 +96,7 @@ def test_reciprocity_and_energy(omega):
     small = 3e-6 * np.abs(B).max()  # error of the panels
     assert np.abs(A - A.T).max() < 3e-6 * np.abs(A).max()
     assert np.abs(B - B.T).max() < small and np.linalg.eigvalsh(B + B.T).min() > -small
-    # the damping is the power of the radiated waves; Haskind: the wave to the left gives the exciting force
+    # the damping is the power of the radiated waves; Haskind: the wave to the left gives the excitation force
     power = RHO * G * c_g
     assert np.abs(B - power * (waves.conj().T @ waves).real[:9, :9]).max() < small
     assert np.abs(found.excitation + 2.0 * power * waves[0, :9]).max() < 3e-6 * np.abs(found.excitation).max()

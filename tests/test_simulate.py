@@ -366,7 +366,7 @@ def test_a_run_goes_on_under_a_higher_tank(whole, tmp_path):
     kinetic = 0.5 * float(jnp.sum(p.m * jnp.sum(p.u**2, axis=1)))
     assert again["kinetic"][20] == pytest.approx(kinetic, rel=1e-5)
     text = RunFile.open(path).case_toml
-    assert "# since t = 0.2 s: pto.K_dm = 300.0, which was 534.66" in text
+    assert "# since t = 0.2 s: pto.K_dm = 300.0 (before: 534.66)" in text
     case, _, state = js.restore(path)
     assert case.tank.height == 2.0
     _assert_same(state, again.state)

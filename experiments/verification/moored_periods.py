@@ -49,7 +49,7 @@ class Release:
 
     @property
     def start(self) -> list[float]:
-        """Displacements of surge (m), heave (m) and pitch (rad) at the release."""
+        """Displacements in surge (m), heave (m) and pitch (rad) at the release."""
         return [self.away if self.motion == name else 0.0 for name in ("surge", "heave", "pitch")]
 
     @property

@@ -68,7 +68,7 @@ def long(report: Report) -> None:
 
 
 def still(dx: float, length: float, width: float | None = None) -> js.Case:
-    """A tank of still incompressible water of this length and width (m)."""
+    """A tank of this length and width (m), with incompressible water at rest."""
     changes = {
         "dx": dx,
         "scheme.kind": "incompressible",

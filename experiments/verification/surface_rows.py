@@ -1,4 +1,4 @@
-"""Growth of disturbances in the rows of particles below the surface of still incompressible water.
+"""Growth of disturbances in the rows of particles below the surface of incompressible water at rest.
 
 A row under a free surface lacks neighbours on one side. Pressure pushes the second row away from its
 position, and only the relaxation of crowding keeps it in place. If the row is not kept in place, single

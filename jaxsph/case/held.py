@@ -186,8 +186,8 @@ def _held(
     cycles: int,
     amplitudes: Mapping[str, tuple[float, ...]],
 ) -> Case:
-    """Case with all bodies held, or moved with `amplitudes` by name, in waves of height H (m) and period
-    T (s).
+    """Case with every body held or, if `amplitudes` names it, moved with these amplitudes, in waves of
+    height H (m) and period T (s).
 
     `cycles` whole periods follow the time `begin` (s). A held body has a motion of zero amplitude. All runs
     therefore have the same parts, share a compiled program, and can form one batch on an accelerator.

@@ -86,7 +86,7 @@ def read_mesh(path: Path, scale: float = 1.0) -> Triangles:
             f"{path} cannot be read as a mesh; save the mesh again as {path.suffix[1:].upper()}"
         ) from None
     if not len(faces):
-        raise CaseError(f"{path} has 0 triangles: must have at least one; save the mesh again")
+        raise CaseError(f"{path} contains no triangles; save the mesh again")
     if len(faces) > MOST_TRIANGLES:
         raise CaseError(
             f"{path} has {len(faces)} triangles, but at most {MOST_TRIANGLES} are allowed: simplify the "

@@ -27,7 +27,7 @@ def as_number(text: str, unit: str) -> str:
     if _COMMA.match(text):
         return ": use a decimal point, and no quotes"
     if _WITH_UNIT.fullmatch(text):
-        return f" in {unit}, without the unit and quotes" if unit else ", without a unit and quotes"
+        return f" in {unit}, without the unit or quotes" if unit else ", without a unit or quotes"
     if re.fullmatch(_NUMBER, text):
         return " without quotes"
     return f" in {unit}" if unit else ""

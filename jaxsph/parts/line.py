@@ -151,7 +151,8 @@ class LumpedLine(AbstractMooringLaw):
         return self._whole(own.x, own.u, own.end, jnp.zeros_like(own.end))[0]
 
     def stable_step(self) -> float:
-        """Largest stable step (s), from the stiffness of segments and bed and the segments' damping.
+        """Largest stable step (s), from the stiffness of the segments and the bed, and the damping of the
+        segments.
 
         A step dt is stable for dt w < 2 (sqrt(1 + c^2) - c), with the largest angular frequency w of the
         chain of masses and springs, and the damping ratio c at this frequency.

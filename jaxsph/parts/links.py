@@ -261,7 +261,7 @@ class HydraulicTakeOff(AbstractLaw):
     motor: Scalar
     """Flow through the motor per unit of p - p0, m3/s/Pa."""
     gamma: Scalar
-    """Exponent of the gas (-)."""
+    """Polytropic exponent of the gas (-)."""
     scale: Scalar
     """Rate at which the force reaches 76 % of its value with fully open valves, m/s."""
 

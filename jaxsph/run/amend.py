@@ -203,7 +203,7 @@ def _told(text: str, before: Case, case: Case, changes: Mapping[str, Any], t: fl
     notes = [line for line in text.splitlines() if line.startswith("# since t = ")]
     for key in changes:
         old, new = _value(before, key), _value(case, key)
-        notes.append(f"# since t = {t:.6g} s: {key} = {new!r}, which was {old!r}")
+        notes.append(f"# since t = {t:.6g} s: {key} = {new!r} (before: {old!r})")
     return "\n".join([*notes, case.to_toml()])
 
 

@@ -220,7 +220,7 @@ class AbstractSurface(eqx.Module):
 
     @abc.abstractmethod
     def free(self, filled: Float[Array, " N"]) -> Float[Array, " N"]:
-        """Mask of particles: 1 where the pressure is solved for, 0 where it is zero.
+        """Mask of particles: 1 where the pressure is solved for, 0 where the pressure is set to zero.
 
         `filled`: ratio of the kernel sum V W to its value in a full lattice (-).
         """

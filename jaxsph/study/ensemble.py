@@ -39,11 +39,10 @@ class Ensemble(AbstractMethod):
 
     def __check_init__(self) -> None:
         """**Raises** CaseError for settings that give no slope, or a slope without an error."""
-        if not 0.0 < self.spread < 1.0 or not 4 <= self.members <= MOST_MEMBERS:
-            raise CaseError(
-                f"spread = {self.spread:g} must lie between 0 and 1, and members = {self.members} must lie "
-                f"between 4 and {MOST_MEMBERS}"
-            )
+        if not 0.0 < self.spread < 1.0:
+            raise CaseError(f"spread = {self.spread:g}: must lie between 0 and 1")
+        if not 4 <= self.members <= MOST_MEMBERS:
+            raise CaseError(f"members = {self.members}: must lie between 4 and {MOST_MEMBERS}")
 
     def kept(self, path):
         """See `AbstractMethod.kept`."""

@@ -193,8 +193,7 @@ def power_matrix(
 
 
 def _first_failure(done: Sweep) -> str:
-    """End of an error message: the number of failed runs, and the reason of the first; empty if none
-    failed."""
+    """End of an error message: the number of failed runs, and why the first failed; empty if none failed."""
     if not done.failures:
         return ""
     place = min(done.failures)

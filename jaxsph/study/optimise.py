@@ -59,7 +59,7 @@ def maximise(
     `method`: as in `derivative`; `optimiser`: any optimiser of optax (by default Adam, which changes a
     parameter by a factor of at most about 1.8 in the first step and 1.1 in the tenth).
     **Returns** the best evaluation. The search ends after `evaluations` evaluations, or when every slope is
-    within its error or points out of the bounds.
+    zero within its error or points out of the bounds.
     **Raises** the errors of `derivative`; FileError if `out` or `<out>.evaluations` belongs to a search with
     another case, result, scatter table or method, or if another process runs a study with this output.
     """
@@ -107,8 +107,9 @@ def _climb(
         slopes = np.array([found[f"slope {name}"] * here[name] for name in names])
         errors = np.array([found[f"error {name}"] * here[name] for name in names])
         outward = np.where(slopes > 0, z >= bounds[:, 1] - 1e-9, z <= bounds[:, 0] + 1e-9)
-        if np.all(outward | (np.abs(slopes) <= errors)):
-            reason = "at the bounds" if outward.all() else "every slope is within its error"
+        zero = np.abs(slopes) <= errors
+        if np.all(outward | zero):
+            reason = _reason(outward, zero)
             break
         # a slope that points out of the bounds does not move its parameter
         step, memory = optimiser.update(jnp.asarray(np.where(outward, 0.0, -slopes)), memory, jnp.asarray(z))
@@ -116,6 +117,15 @@ def _climb(
     best = max(history, key=lambda found: found[of])
     shutil.rmtree(folder, ignore_errors=True)
     return Maximum(source.replace({name: best[name] for name in names}), of, best[of], reason, history)
+
+
+def _reason(outward: np.ndarray, zero: np.ndarray) -> str:
+    """Reason why a search ended whose slopes all point out of the bounds or are zero within their errors."""
+    if outward.all():
+        return "at the bounds"
+    if zero.all():
+        return "no slope differs from zero by more than its error"
+    return "every parameter is at a bound or has a slope of zero within its error"
 
 
 def _check_bounds(source: Source, over: Mapping[str, tuple[float, float]]) -> None:

@@ -120,7 +120,7 @@ class Exact(_ThroughLoop):
                 f"the exact derivative with respect to {parameter} no longer describes the flow, because "
                 f"particle paths are chaotic: at t = {t:.2f} s it is valid only for changes of the parameter "
                 f"below {reach:.1g}.\n"
-                "What to change: use an earlier t1, or method=js.Filtered() or js.Ensemble()"
+                "What to change: use a smaller t1, or method=js.Filtered() or js.Ensemble()"
             )
 
     def _error(self, parameter, source, value, slope):

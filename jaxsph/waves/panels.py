@@ -22,7 +22,7 @@ towards corners in geometric progression. At the radiating ends, half a depth aw
 potential is matched to outgoing and evanescent modes, so that the radiation condition is exact. The equation
 has no irregular frequencies. Source of the integral equation: J. V. Wehausen and E. V. Laitone, Surface
 waves, Handbuch der Physik 9 (1960) 446-778, section 17; J. N. Newman, Marine Hydrodynamics (1977), sections
-6.15 to 6.18 for the relations between exciting forces, damping and radiated waves.
+6.15 to 6.18 for the relations between excitation forces, damping and radiated waves.
 """
 
 from __future__ import annotations

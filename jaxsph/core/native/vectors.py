@@ -55,17 +55,17 @@ class Vectors:
         return ir.VectorType(scalar(dtype), self.lanes)
 
     def constant(self, value: Any, dtype: Any) -> Value:
-        """Vector whose lanes have the same constant value."""
+        """Vector with the constant `value` in every lane."""
         kind = self.type(dtype)
         plain = np.asarray(value, dtype).item()
         return ir.Constant(kind, [ir.Constant(kind.element, plain)] * self.lanes)
 
     def like(self, a: Value, value: float) -> Value:
-        """Vector of the type of `a` whose lanes have the same constant value."""
+        """Vector of the type of `a`, with `value` in every lane."""
         return ir.Constant(a.type, [ir.Constant(a.type.element, value)] * self.lanes)
 
     def spread(self, value: Value) -> Value:
-        """Vector whose lanes have the value of a scalar."""
+        """Vector with the scalar `value` in every lane."""
         nothing = ir.Constant(ir.VectorType(value.type, self.lanes), ir.Undefined)
         first = self.builder.insert_element(nothing, value, INDEX(0))
         return self.shuffled(first, first, [0] * self.lanes)
