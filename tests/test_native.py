@@ -25,6 +25,7 @@ from jaxsph.schemes.kernels import KERNEL, usual_length
 DX = 0.1
 COUNTS = {2: 70, 3: 130}
 """Numbers of particles; no multiples of the number of lanes."""
+GRID = grid_over(np.zeros(2), np.ones(2), 0.2)
 LAWS = {
     name: law
     for name, law in inspect.getmembers(laws, inspect.isfunction)
@@ -118,6 +119,25 @@ def test_sums_agree_in_float64():
     with enable_x64():
         fields, smoothing = _fields(2, dtype=np.float64), _smoothing(2, Gaussian(), np.float64)
         _agree(*_both(summed, fields, smoothing, _table(COUNTS[2])), 1e-14)
+
+
+def test_integers_of_64_bits_are_read_as_such():
+    """In float64 programs tables made from NumPy's arrays have 64 bits."""
+
+    def summed(fields, smoothing, table):
+        return pair_sum(laws.pressure_force, smoothing, fields, with_empty(fields), table)
+
+    def found(x, sees, kind):
+        return search(x, x, GRID, 60, sees, kind, same=True)
+
+    with enable_x64():
+        wide = jnp.asarray(np.asarray(_table(COUNTS[2]), np.int64))
+        fields, smoothing = _fields(2, dtype=np.float64), _smoothing(2, Gaussian(), np.float64)
+        _agree(*_both(summed, fields, smoothing, wide), 1e-14)
+        x = jnp.asarray(np.random.default_rng(0).uniform(0.0, 1.0, (200, 2)))
+        masks = [jnp.asarray(np.random.default_rng(k).integers(0, 4, 200)) for k in (1, 2)]
+        for one, other in zip(*_both(found, x, *masks), strict=True):
+            np.testing.assert_array_equal(one, other)
 
 
 def _weights(fields, smoothing, table):
@@ -309,12 +329,11 @@ def test_searches_list_the_same_neighbours_in_the_same_order(dim, period, capaci
 
 
 def test_positions_that_are_not_numbers_do_no_harm():
-    grid = grid_over(np.zeros(2), np.ones(2), 0.2)
     x = jnp.asarray(np.random.default_rng(0).uniform(0.0, 1.0, (200, 2)), jnp.float32)
     x = x.at[7].set(jnp.nan).at[9, 0].set(jnp.inf).at[11, 1].set(-1e30)
     ones = jnp.ones(200, jnp.int32)
     with forms.switched(True):
-        found = jax.jit(lambda x: search(x, x, grid, 40, ones, ones, same=True))(x)
+        found = jax.jit(lambda x: search(x, x, GRID, 40, ones, ones, same=True))(x)
     indices = np.asarray(found.indices)
     assert indices.min() >= 0
     assert indices.max() <= 200

@@ -10,6 +10,7 @@ from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import incident_power
 from jaxsph.case.sections import Sections
 from jaxsph.case.speeds import wavenumber
+from jaxsph.core.native.forms import SHARE, available
 from jaxsph.problem.sources import source_of
 
 
@@ -42,7 +43,7 @@ def check(given: Any) -> list[tuple[str, str]]:
         ]
     search = model.search
     costly = n + model.walls.filling.effort * ghosts
-    seconds = steps * costly * model.scheme.cost(dx, dim)
+    seconds = steps * costly * model.scheme.cost(dx, dim) * (SHARE if available() else 1.0)
     return [
         *rows,
         ("neighbours", f"{search.capacity} slots, searched every {search.rebuild_every} steps"),

@@ -19,6 +19,10 @@ import numpy as np
 
 from jaxsph.core.arrays import Array
 
+SHARE = 0.55
+"""Ratio of the wall time of a step with native forms to that with JAX's forms (-); 0.51 to 0.58 in
+`python -m experiments run bench_native`."""
+
 _switch = {"on": importlib.util.find_spec("llvmlite") is not None}
 
 
@@ -32,6 +36,11 @@ def advice() -> str:
     if importlib.util.find_spec("llvmlite") or jax.default_backend() != "cpu":
         return ""
     return "a time step takes 0.5 to 0.6 times as long with native loops: pip install 'jaxsph[native]'"
+
+
+def _int32(a: Array) -> Array:
+    """Integers in the type that native code reads; in float64 programs they may have 64 bits."""
+    return a.astype(jnp.int32)
 
 
 @contextlib.contextmanager
@@ -75,7 +84,8 @@ def native_order(cells: Array, count: int) -> tuple[Array, Array] | None:
 
     order, starts = (jax.ShapeDtypeStruct((n,), jnp.int32) for n in (len(cells), count + 1))
     name = register(CellOrder().module)
-    found = jax.ffi.ffi_call(name, (order, starts, starts), vmap_method="sequential")(cells)
+    called = jax.ffi.ffi_call(name, (order, starts, starts), vmap_method="sequential")
+    found = called(_int32(cells))
     return found[0], found[1]
 
 
@@ -117,9 +127,10 @@ def native_neighbours(
     loop = CandidateLoop(len(among.x), np.dtype(among.x[0].dtype), len(among.spans), period)
     results = [jax.ShapeDtypeStruct(shape, jnp.int32) for shape in ((capacity, count), (count,))]
     called = jax.ffi.ffi_call(register(loop.module), results, vmap_method="sequential")
-    firsts, ends = zip(*among.spans, strict=True)
-    fields = (*among.x, among.sees, among.own, *among.sources, among.kinds, among.indices)
-    found = called(among.radius2, *fields, *firsts, *ends)
+    whole = jax.tree.map(_int32, among._replace(x=(), sources=(), radius2=()))
+    firsts, ends = zip(*whole.spans, strict=True)
+    of_targets, of_sources = (*among.x, whole.sees, whole.own), (*among.sources, whole.kinds, whole.indices)
+    found = called(among.radius2, *of_targets, *of_sources, *firsts, *ends)
     return found[0], found[1]
 
 
@@ -156,7 +167,8 @@ def native_loop(
         shapes = [((n,) if k < sums else (slots, n), a.dtype) for k, a in enumerate(closed.out_avals)]
         rows = (arguments[len(targets)].shape[0], row), kind
         results = [jax.ShapeDtypeStruct(*one) for one in (*shapes, rows)]
-        found = jax.ffi.ffi_call(name, results, vmap_method="sequential")(table, *held, *arguments)
+        called = jax.ffi.ffi_call(name, results, vmap_method="sequential")
+        found = called(_int32(table), *held, *arguments)
         return list(found[:-1])
 
     return call
@@ -171,8 +183,7 @@ def _registered(
     """
     from jaxsph.core.native.functions import register
     from jaxsph.core.native.sums import PairLoop
-    from jaxsph.core.native.translation import UntranslatableError
-    from jaxsph.core.native.vectors import vector_bytes
+    from jaxsph.core.native.vectors import UntranslatableError, vector_bytes
 
     held, targets, sources, constants = ([np.dtype(a.dtype) for a in of] for of in arguments)
     results = [a.dtype for a in closed.out_avals]

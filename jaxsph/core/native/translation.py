@@ -8,17 +8,13 @@ from typing import Any
 import numpy as np
 from jax.extend import core as jex
 
-from jaxsph.core.native.vectors import Builder, Value, Vectors, scalar
+from jaxsph.core.native.vectors import Builder, UntranslatableError, Value, Vectors, scalar
 
 Rule = Callable[..., Value]
 """Function of the writer of instructions and of vectors that returns a vector."""
 
 FUSED = ("contract",)
 """Products and sums may become fused multiply-add instructions, as in XLA's code for a CPU."""
-
-
-class UntranslatableError(Exception):
-    """An operation or a type has no translation; JAX's form of the loop is used instead."""
 
 
 def translated(
@@ -46,10 +42,7 @@ def translated(
 def _check(equation: Any) -> None:
     """**Raises** UntranslatableError for operations on arrays, and for types that vectors do not have."""
     for atom in (*equation.invars, *equation.outvars):
-        try:
-            scalar(atom.aval.dtype)
-        except (KeyError, TypeError):
-            raise UntranslatableError(f"{equation.primitive} of {atom.aval}") from None
+        scalar(atom.aval.dtype)
         if atom.aval.shape:
             raise UntranslatableError(f"{equation.primitive} of an array")
 

@@ -37,9 +37,16 @@ def vector_bytes() -> int:
     return 64 if llvm.get_host_cpu_features().get("avx512f") else 32
 
 
+class UntranslatableError(Exception):
+    """An operation or a type has no translation; JAX's form of the loop is used instead."""
+
+
 def scalar(dtype: Any) -> ir.Type:
-    """Type of an array's elements. **Raises** KeyError for other types than those of `_SCALARS`."""
-    return _SCALARS[np.dtype(dtype).name]
+    """Type of an array's elements. **Raises** UntranslatableError for types that are not in `_SCALARS`."""
+    try:
+        return _SCALARS[np.dtype(dtype).name]
+    except (KeyError, TypeError):
+        raise UntranslatableError(f"arrays of {dtype}") from None
 
 
 class Vectors:
