@@ -373,8 +373,8 @@ PROSE = (
         (ISPH,),
     ),
     Sentence(
-        "The efficiency is {:.1f} % lower than in a tank four wavelengths long, and the run takes {:.2f} times "
-        "as long",
+        "The efficiency is {:.1f} % lower than in a tank four wavelengths long, and the run takes "
+        "{:.2f} times as long",
         lambda r: (
             100
             - 100
