@@ -23,7 +23,7 @@ GAUGES = [2.0, 2.3, 2.75]
 
 
 def notice(case, start):
-    """The only notice of a case that contains the text `start`; empty if there is none."""
+    """Notice of a case that contains the text `start`; empty if no notice contains it."""
     found = [one for one in case.notices() if start in one]
     assert len(found) < 2
     return found[0] if found else ""

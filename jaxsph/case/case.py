@@ -363,7 +363,7 @@ def _meaning(place: tuple[str | int, ...]) -> str:
 
 
 def _description(place: tuple[str | int, ...]) -> str:
-    """Description of a key; empty if there is none. `place`: path of the key in the case."""
+    """Description of a key in its section; empty if the key is not described. `place`: path of the key."""
     section: Any = Case
     words, kinds, names = "", {}, False
     for part in place:

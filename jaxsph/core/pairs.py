@@ -148,8 +148,8 @@ def pair_weights(
     fields = (smoothing, targets, sources)
     terms, closed = jax.closure_convert(_terms(law, *fields, gather), table[0])
     summed, weights = jax.eval_shape(terms, table[0], *closed)
-    native, given = _native(law, *fields, table, len(jax.tree.leaves(summed)))
-    structure = jax.tree.structure((summed, weights))
+    sums, structure = len(jax.tree.leaves(summed)), jax.tree.structure((summed, weights))
+    native, given = _native(law, *fields, table, sums, structure)
 
     def by_jax(table, *closed):
         def add(total, slot):
@@ -159,18 +159,7 @@ def pair_weights(
         start = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), summed)
         return slot_loop().over(add, start, table)
 
-    @jax.custom_jvp
-    def found(table, closed, given):
-        if not native:
-            return by_jax(table, *closed)
-        return jax.tree.unflatten(structure, native(table, *given))
-
-    @found.defjvp
-    def _(primals, tangents):
-        (table, closed, _), (of_table, of_closed, _) = primals, tangents
-        return jax.jvp(by_jax, (table, *closed), (of_table, *of_closed))
-
-    return found(table, closed, given)
+    return _preferred(native, by_jax, by_jax, table, closed, given)
 
 
 def weighted_sum(
@@ -209,22 +198,41 @@ def _term(law, smoothing, i, j):
     return law(Pair(r, r2, jnp.where(inside, slope, 0.0), jnp.where(inside, value, 0.0)), i, j)
 
 
-def _native(law, smoothing, targets, sources, table, sums):
-    """Native form of a pair sum and its arguments after the table; None and no arguments if there is none.
+def _native(law, smoothing, targets, sources, table, sums, structure):
+    """Native form of a pair sum, and the arguments that follow the table in this form. Without a native form
+    None, and no arguments.
 
-    `sums`: number of the law's results that are added up.
+    `sums`: number of the law's results that are added up; `structure`: tree of all its results.
     """
     if not available():
         return None, ()
-    leaves, structure = jax.tree.flatten((targets, sources))
+    leaves, fields = jax.tree.flatten((targets, sources))
     count = len(jax.tree.leaves(targets))
 
-    def one(*fields):
-        return jax.tree.leaves(_term(law, smoothing, *jax.tree.unflatten(structure, fields)))
+    def one(*leaves):
+        return jax.tree.leaves(_term(law, smoothing, *jax.tree.unflatten(fields, leaves)))
 
     one, constants = jax.closure_convert(one, *(jax.ShapeDtypeStruct((), a.dtype) for a in leaves))
-    native = native_loop(one, leaves[:count], leaves[count:], constants, table, sums)
-    return native, (*leaves, *constants) if native else ()
+    loop = native_loop(one, leaves[:count], leaves[count:], constants, table, sums)
+    if not loop:
+        return None, ()
+    return lambda *given: jax.tree.unflatten(structure, loop(*given)), (*leaves, *constants)
+
+
+def _preferred(native, by_jax, derived, table, closed, given):
+    """Result of `native(table, *given)` or, without a native form, of `by_jax(table, *closed)`; derivatives
+    are those of `derived(table, *closed)`."""
+
+    @jax.custom_jvp
+    def found(table, closed, given):
+        return native(table, *given) if native else by_jax(table, *closed)
+
+    @found.defjvp
+    def _(primals, tangents):
+        (table, closed, _), (of_table, of_closed, _) = primals, tangents
+        return jax.jvp(derived, (table, *closed), (of_table, *of_closed))
+
+    return found(table, closed, given)
 
 
 @functools.partial(jax.jit, static_argnums=3)
@@ -270,30 +278,21 @@ def _summed(law, smoothing, targets, sources, table, take):
         filled = any_lane(jnp.any(rows != empty))
         return jax.lax.cond(filled, add, lambda total, *_: total, total, rows, *closed)
 
-    native, given = None, ()
-    if take is gather:  # the sums of tangents must be transposed
-        fields = (law, smoothing, targets, sources, table)
-        native, given = _native(*fields, len(jax.tree.leaves(shapes)))
-
-    @jax.custom_jvp
-    def total_of(table, closed, given):
-        if native:
-            return jax.tree.unflatten(jax.tree.structure(shapes), native(table, *given))
+    def by_jax(table, *closed):
         return added(functools.partial(where_filled, add), zero(), table, *closed)
 
-    @total_of.defjvp
-    def _(primals, tangents):
-        # All spare rows share one branch outside the loop. Reverse mode stores all inputs of a branch, and
-        # with a branch inside the loop it would store the sources once for every row.
-        def total_of(table, *closed):
-            own = int(len(table) / SPARE)
-            add_rows = functools.partial(added, add)
-            return where_filled(add_rows, add_rows(zero(), table[:own], *closed), table[own:], *closed)
+    # All spare rows share one branch outside the loop. Reverse mode stores all inputs of a branch, and with a
+    # branch inside the loop it would store the sources once for every row.
+    def derived(table, *closed):
+        own = int(len(table) / SPARE)
+        add_rows = functools.partial(added, add)
+        return where_filled(add_rows, add_rows(zero(), table[:own], *closed), table[own:], *closed)
 
-        (table, closed, _), (of_table, of_closed, _) = primals, tangents
-        return jax.jvp(total_of, (table, *closed), (of_table, *of_closed))
-
-    return total_of(table, closed, given)
+    native, given = None, ()
+    if take is gather:  # the sums of tangents must be transposed
+        structure = jax.tree.structure(shapes)
+        native, given = _native(law, smoothing, targets, sources, table, structure.num_leaves, structure)
+    return _preferred(native, by_jax, derived, table, closed, given)
 
 
 def with_empty(fields: Fields) -> Fields:

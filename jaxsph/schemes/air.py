@@ -185,14 +185,13 @@ def correct_for_air(
 
     line = water_line(airs, responses, couplings, flows(u, pressures), before, dt)
     met, pressed = meet_laws(model, interval.before, line, interval), jnp.zeros_like(u)
-    limited = jnp.zeros_like(dt) + line.limited
     for name, law in met.chambers.items():
         missing, response = law.P_a - before[name], responses[name]
         pressures = pressures.plus(missing, response.pressures)
         pressed = pressed + missing * response.u
         u = airs[name].push(u + missing * response.u, dt * missing)
     forces = on_bodies(airs, {name: law.P_a for name, law in met.chambers.items()})
-    return CorrectedForAir(met, pressures, u, pressed, flows(u, pressures), forces, limited)
+    return CorrectedForAir(met, pressures, u, pressed, flows(u, pressures), forces, jnp.asarray(line.limited))
 
 
 class _Laws(NamedTuple):

@@ -40,7 +40,7 @@ def failure_of(messages: str, status: int) -> str:
 
 
 def _last_words(lines: list[str]) -> str:
-    """Line that says why a process ended; empty if there is none."""
+    """Line of a process's messages that gives the reason for its end; empty if no line does."""
     fatal = [line for line in lines if FATAL.match(line)]
     if fatal:
         return fatal[-1]
