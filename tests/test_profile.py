@@ -18,7 +18,6 @@ def profile():
     """Profile of an incompressible OWC from a few steps, which is enough for all but exact shares."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(measured, "ENOUGH", 0.05)
-        patch.setattr(measured, "REPEATS", 1)
         return js.profile(CASE)
 
 
@@ -61,9 +60,9 @@ def test_operations_belong_to_their_scope_or_to_what_contains_them():
     line = [
         operation("loop.1", 0.0, 100.0),
         operation("add.2", 10.0, 20.0),
-        operation("add.2", 20.0, 30.0),
-        operation("inner.3", 30.0, 60.0),
-        operation("copy.9", 40.0, 50.0),  # not in the program: belongs to the loop
+        operation("add.2", 30.0, 40.0),
+        operation("inner.3", 50.0, 80.0),
+        operation("copy.9", 60.0, 70.0),  # not in the program: belongs to the loop
         operation("other.4", 110.0, 140.0),
         operation("copy.9", 150.0, 160.0),  # contained in nothing
     ]
@@ -73,6 +72,27 @@ def test_operations_belong_to_their_scope_or_to_what_contains_them():
         {"pressure solver": 92 / 132, "probes": 30 / 132, measured.REST: 10 / 132}
     )
     assert found["pressure solver"].iterations == 1.0 and found["probes"].iterations == 0.0
+
+
+def test_interruptions_by_other_processes_count_little():
+    scopes = {"loop.1": [], "add.2": [Part.VISCOSITY.value], "add.3": [Part.PROBES.value]}
+
+    def line(interrupted):
+        """A loop over two operations, of which some executions and some gaps last 1000 times longer."""
+        now, found = 0.0, []
+        for number in range(40):
+            for name in ("add.2", "add.3"):
+                now += 1000.0 if interrupted and number % 9 == 4 else 1.0
+                took = 3000.0 if interrupted and number % 7 == 3 else 3.0
+                found.append(measured._Operation(name, now, now + took))
+                now += took
+        return [measured._Operation("loop.1", 0.0, now), *found]
+
+    quiet, loaded = (measured._shares([line(busy)], scopes, 0.5, 1.0, 40) for busy in (False, True))
+    assert {name: share.seconds for name, share in loaded.items()} == pytest.approx(
+        {name: share.seconds for name, share in quiet.items()}
+    )
+    assert quiet[measured.REST].seconds == pytest.approx(0.5 / 3.5)
 
 
 def test_the_command_prints_the_parts(profile, monkeypatch):

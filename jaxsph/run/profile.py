@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import collections
 import re
+import statistics
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -187,30 +188,41 @@ def _shares(
     """Shares of the parts in a step, the largest first.
 
     An operation belongs to the part in whose scope it was traced, or else to the part of the operation that
-    contains it, such as a loop. **Arguments**: the operations of each thread; the scopes of each operation;
-    `delay`: time that tracing adds to an operation for each operation that it contains, ns; `step`: wall time
-    of a step without tracing, s; `steps`: number of traced steps, times the number of devices.
+    contains it, such as a loop. The median of an operation's executions counts, and the median of the gaps
+    between the operations in a loop, so that other processes on the machine distort the shares little.
+    **Arguments**: the operations of each thread; the scopes of each operation; `delay`: time that tracing
+    adds to an operation for each operation that it contains, ns; `step`: wall time of a step without tracing,
+    s; `steps`: number of traced steps, times the number of devices.
     """
     names = {part.value for part in Part}
-    own: dict[str, float] = collections.defaultdict(float)
+    gaps: dict[tuple[str, str], list[float]] = collections.defaultdict(list)
+    took: dict[tuple[str, str], list[float]] = collections.defaultdict(list)
     runs: dict[str, collections.Counter[str]] = collections.defaultdict(collections.Counter)
     for line in lines:
+        placed = list(_nested(line))
         parts: list[str] = []
-        for operation, outer in _nested(line):
+        reached = [operation.start for operation, _ in placed]  # end of the last operation contained
+        for operation, outer in placed:
             path = scopes.get(operation.name, [])
             above = REST if outer is None else parts[outer]
             part = next((scope for scope in path if scope in names), above)
             parts.append(part)
-            own[part] += operation.end - operation.start
             if outer is not None:
-                own[above] -= operation.end - operation.start + delay
+                gaps[above, placed[outer][0].name].append(operation.start - reached[outer])
+                reached[outer] = operation.end
             if ITERATION in path and "while" not in path[path.index(ITERATION) :]:
                 runs[part][operation.name] += 1
-    positive = {part: max(seconds, 0.0) for part, seconds in sorted(own.items(), key=lambda one: -one[1])}
-    scale = step / sum(positive.values())
+        for (operation, _), part, since in zip(placed, parts, reached, strict=True):
+            took[part, operation.name].append(operation.end - since)
+    own: dict[str, float] = collections.defaultdict(float)
+    for (part, _), idle in gaps.items():
+        own[part] += len(idle) * max(statistics.median(idle) - delay, 0.0)
+    for (part, _), busy in took.items():
+        own[part] += len(busy) * statistics.median(busy)
+    scale = step / sum(own.values())
     return {
         part: Share(scale * seconds, max(runs[part].values(), default=0) / steps)
-        for part, seconds in positive.items()
+        for part, seconds in sorted(own.items(), key=lambda one: -one[1])
     }
 
 
