@@ -1,6 +1,7 @@
 """Running: `simulate` is pure, water at rest stays, and `run` survives kills, overflow and NaNs."""
 
 import functools
+import importlib
 import inspect
 import os
 import re
@@ -941,3 +942,18 @@ def test_a_run_is_foretold_by_its_own_program(hydrostatic):
     compiled = simulate._on_one_device._cache_size()
     js.run(case, t1=case.output.snapshot_dt, progress=False, devices=1)
     assert simulate._on_one_device._cache_size() == compiled
+
+
+def test_steps_are_timed_in_moving_water(hydrostatic, monkeypatch):
+    """Water at rest starts with a standing wave of a tenth of the depth; water that moves starts as it is."""
+    timed = importlib.import_module("jaxsph.run.duration")
+    case, model, state = hydrostatic
+    depth, k = case.tank.depth, np.pi / case.tank.length
+    u = np.asarray(timed._in_motion(model, state).particles.u)
+    omega = np.sqrt(case.g * k * np.tanh(k * depth))
+    # the uppermost particles are half a spacing below the surface
+    assert np.abs(u[:, -1]).max() == pytest.approx(0.05 * depth * omega, rel=1.5 * k * case.dx / 2.0)
+    below = np.asarray(state.particles.x[:, -1]) < case.dx
+    assert np.abs(u[below, -1]).max() < 0.2 * np.abs(u[:, -1]).max()
+    moving = eqx.tree_at(lambda s: s.particles.u, state, 0.01 + state.particles.u)
+    assert timed._in_motion(model, moving) is moving

@@ -22,7 +22,7 @@ from jaxsph.case.position_notices import position_notices
 from jaxsph.case.probes import make_probes
 from jaxsph.case.results import SettledPeriods, case_results, mean_of_power
 from jaxsph.case.scheme import remedies
-from jaxsph.case.section import NAME, Section, by_name, kind_of
+from jaxsph.case.section import NAME, Section, by_name, kind_of, meanings
 from jaxsph.case.sections import BODY_KEYS, DEVICE_CHAMBER, KINDS, Sections
 from jaxsph.errors import CaseError
 from jaxsph.problem.problem import Problem
@@ -359,7 +359,7 @@ def _in_toml_words(message: str) -> str:
 def _meaning(place: tuple[str | int, ...]) -> str:
     """Meaning of a key, in brackets; empty if no meaning is given. `place`: path of the key in the case."""
     words = _description(place)
-    return f" ({' '.join(words.split()).rstrip('.')})" if words else ""
+    return f" ({words.rstrip('.')})" if words else ""
 
 
 def _description(place: tuple[str | int, ...]) -> str:
@@ -376,6 +376,6 @@ def _description(place: tuple[str | int, ...]) -> str:
         field = getattr(section, "model_fields", {}).get(part)
         if field is None:
             return ""
-        words, kinds = field.description or "", KINDS.get(str(part), {})
+        words, kinds = meanings(section).get(str(part), ""), KINDS.get(str(part), {})
         section, names = section_in(field.annotation), by_name(field.annotation)
     return words

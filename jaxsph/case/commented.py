@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, cast
 from pydantic.fields import FieldInfo
 
 from jaxsph.case.case import NAME, Case, section_in
-from jaxsph.case.section import Section, by_name
+from jaxsph.case.section import Section, by_name, meanings
 from jaxsph.case.sections import KINDS, Sections
 from jaxsph.problem.toml import toml_value
 
@@ -38,7 +38,11 @@ class Key(NamedTuple):
 def keys_of(section: type[Section]) -> list[Key]:
     """Keys of a section, without its subsections; `kind` comes first."""
     held = [name for name, field in section.model_fields.items() if section_in(field.annotation) is None]
-    return [_key(name, section.model_fields[name]) for name in sorted(held, key=lambda name: name != "kind")]
+    meaning = meanings(section)
+    return [
+        _key(name, section.model_fields[name], meaning.get(name, ""))
+        for name in sorted(held, key=lambda name: name != "kind")
+    ]
 
 
 def sections_of(section: type[Section] = Sections, prefix: str = "") -> dict[str, type[Section]]:
@@ -107,9 +111,9 @@ def _summary(section: type[Section]) -> str:
     return (inspect.getdoc(section) or "").split("\n\n")[0]
 
 
-def _key(name: str, field: FieldInfo) -> Key:
+def _key(name: str, field: FieldInfo, meaning: str) -> Key:
     default = "" if field.is_required() or field.default is None else toml_value(_plain(field.default))
-    return Key(name, _allowed(field), default, " ".join((field.description or "").split()))
+    return Key(name, _allowed(field), default, meaning)
 
 
 def _plain(value: Any) -> Any:

@@ -14,6 +14,7 @@ from jaxsph.solids.packing import packed
 from jaxsph.solids.placement import lattice
 from jaxsph.solids.shapes import AbstractShape
 from jaxsph.solids.walls import Ghosts
+from jaxsph.waves.theory import standing_velocity
 
 SURFACE_ROWS: dict[tuple[type[AbstractKernel], int], tuple[float, ...]] = {
     (Polynomial, 2): (0.0108, 0.0064, -0.0013, 0.0006),
@@ -44,17 +45,10 @@ def at_rest(x: np.ndarray, level: float, dx: float, kernel: AbstractKernel) -> n
 def initial_velocity(case: Sections, geometry: Geometry, x: np.ndarray) -> np.ndarray:
     """Initial velocities `[N, D]` (m/s) of particles at x (m): zero, or as in a linear standing wave at a
     time when the surface is flat."""
-    u = np.zeros_like(x)
     if case.start is None:
-        return u
-    k, d = case.start.mode * np.pi / geometry.length, geometry.depth
-    scale = case.start.amplitude * np.sqrt(case.g * k * np.tanh(k * d))
-    # cosh(kz)/sinh(kd) and sinh(kz)/sinh(kd) from decaying exponentials, because growing exponentials
-    # overflow in deep water
-    up, down = np.exp(k * (x[:, -1] - d)), np.exp(-k * (x[:, -1] + d))
-    u[:, 0] = -scale * np.sin(k * x[:, 0]) * (up + down) / -np.expm1(-2 * k * d)
-    u[:, -1] = scale * np.cos(k * x[:, 0]) * (up - down) / -np.expm1(-2 * k * d)
-    return u
+        return np.zeros_like(x)
+    k = case.start.mode * np.pi / geometry.length
+    return standing_velocity(x, case.start.amplitude, k, geometry.depth, case.g)
 
 
 def water(geometry: Geometry, dx: float) -> tuple[np.ndarray, np.ndarray]:

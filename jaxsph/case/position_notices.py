@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, cast
 
-from scipy.optimize import brentq
+import scipy  # scipy imports its subpackages on first use
 
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.hydrostatics import submerged
@@ -72,7 +72,7 @@ def _afloat(case: Sections, geometry: Geometry) -> Iterator[str]:
 def _waterline(region: Any, area: float) -> float:
     """Level (m) below which a region (x, z) (m) has an area (m2)."""
     _, low, _, high = region.bounds
-    return cast(float, brentq(lambda level: submerged(region, level).area - area, low, high))
+    return cast(float, scipy.optimize.brentq(lambda level: submerged(region, level).area - area, low, high))
 
 
 def _held(case: Sections) -> set[str | None]:

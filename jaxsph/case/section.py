@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import ast
+import functools
+import inspect
+import itertools
 import re
+import textwrap
 import typing
 from collections.abc import Callable, Collection, Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
@@ -46,9 +51,7 @@ MOST_POINTS = 10_000
 class Section(BaseModel):
     """Section of a case file: keys with types, ranges and defaults. Immutable."""
 
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, allow_inf_nan=False, strict=True, use_attribute_docstrings=True
-    )
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True, defer_build=True)
 
     @property
     def changed(self) -> list[str]:
@@ -68,6 +71,25 @@ class Section(BaseModel):
                 f"{' and '.join(given)} {'have' if len(given) > 1 else 'has'} no effect {where}; {instead}, "
                 f"or remove {'these keys' if len(given) > 1 else given[0]}"
             )
+
+
+@functools.cache
+def meanings(section: type[Section]) -> dict[str, str]:
+    """Meanings of a section's keys: the docstring below each field, on one line.
+
+    They are read when they are needed: pydantic would read them at the start of every run, which takes a
+    quarter of a second.
+    """
+    found: dict[str, str] = {}
+    for part in reversed(section.__mro__):
+        if not issubclass(part, Section):
+            continue
+        (written,) = ast.parse(textwrap.dedent(inspect.getsource(part))).body
+        for one, below in itertools.pairwise(cast(ast.ClassDef, written).body):
+            match one, below:
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
+                    found[name] = " ".join(text.split())
+    return found
 
 
 def by_name(annotation: Any) -> bool:

@@ -18,7 +18,7 @@ def check(
     settings: Settings = None,
     quick: Quick = False,
     timed: Annotated[
-        bool, typer.Option("--time", help="Compile the case and time its first steps on this machine.")
+        bool, typer.Option("--time", help="Compile the case and time a few of its steps on this machine.")
     ] = False,
     devices: Devices = None,
 ) -> None:

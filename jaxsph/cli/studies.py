@@ -313,7 +313,7 @@ def announce(
     scheduler: str | None,
     most: str = "",
 ) -> None:
-    """Prints the number of runs and their expected time, estimated from the first steps of one run.
+    """Prints the number of runs and their expected time, estimated from a few steps of one run.
 
     Prints nothing if the file `out` exists, since the study then continues. `most`: words before a number
     that is an upper limit.

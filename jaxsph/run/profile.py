@@ -24,9 +24,9 @@ from jaxsph.core.programs import without_cache
 from jaxsph.errors import CaseError
 from jaxsph.model.state import State
 from jaxsph.problem.sources import source_of
-from jaxsph.run.devices import everywhere, find_devices, gather, share, usual_devices
+from jaxsph.run.devices import everywhere, find_devices, share, usual_devices
 from jaxsph.run.host import load_start
-from jaxsph.run.recorder import Recorder, Start, new_file
+from jaxsph.run.recorder import Start, recording_time
 from jaxsph.run.simulate import new_program
 
 ENOUGH = 0.5
@@ -126,7 +126,7 @@ def profile(given: Any, devices: int | None = None) -> Profile:
         count,
         plain / steps,
         _shares(lines, _scopes(compiled.as_text()), delay, plain / steps, steps * count),
-        _recording(start, [first, advance(first[0], 1)]),
+        recording_time(start, [first, advance(first[0], 1)]),
         compiling - began,
         ready - compiling,
         traced / plain,
@@ -224,20 +224,3 @@ def _shares(
         part: Share(scale * seconds, max(runs[part].values(), default=0) / steps)
         for part, seconds in sorted(own.items(), key=lambda one: -one[1])
     }
-
-
-def _recording(start: Start, chunks: list[tuple[State, dict[str, jax.Array]]]) -> float:
-    """Wall time (s per time step) for recording a chunk, from the states and readings after two samples.
-
-    The first sample, with which the arrays of the file are created, is not measured. A chunk is assumed to
-    take as long as one sample, because most of this time is for the snapshot and the checkpoint.
-    """
-    took, problem = 0.0, start.problem
-    with tempfile.TemporaryDirectory() as folder:
-        recorder = Recorder(start, problem.t1, new_file(Path(folder) / "profile.h5", start, overwrite=False))
-        for state, readings in chunks:
-            began = time.perf_counter()
-            sample = {name: a[:1] for name, a in readings.items()}
-            recorder.record(start.model, gather(state, len(start.state.particles.id)), sample)
-            took = time.perf_counter() - began
-    return took / problem.per_chunk

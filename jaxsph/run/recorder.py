@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from jaxsph.output.run_file import RunFile
 from jaxsph.problem.problem import Problem
 from jaxsph.problem.source import Source
 from jaxsph.run.chunks import sample_times, search_settings
-from jaxsph.run.devices import describe_machine
+from jaxsph.run.devices import describe_machine, gather
 from jaxsph.run.scene import places_of, scene_of
 
 
@@ -131,6 +132,23 @@ def new_file(path: str | Path, start: Start, overwrite: bool, devices: int = 1) 
         scene=scene_of(start.problem),
         machine=describe_machine(devices),
     )
+
+
+def recording_time(start: Start, chunks: list[tuple[State, dict[str, jax.Array]]]) -> float:
+    """Wall time (s per time step) for recording a chunk, from the states and readings after two chunks.
+
+    The first chunk, with which the arrays of the file are created, is not measured. Of the readings one
+    sample is recorded, because most of this time is for the snapshot and the checkpoint.
+    """
+    took, problem = 0.0, start.problem
+    with tempfile.TemporaryDirectory() as folder:
+        recorder = Recorder(start, problem.t1, new_file(Path(folder) / "timed.h5", start, overwrite=False))
+        for state, readings in chunks:
+            began = time.perf_counter()
+            sample = {name: a[:1] for name, a in readings.items()}
+            recorder.record(start.model, gather(state, len(start.state.particles.id)), sample)
+            took = time.perf_counter() - began
+    return took / problem.per_chunk
 
 
 def deciding_numbers(model: Model, state: State) -> dict[str, list[float]]:

@@ -198,6 +198,21 @@ def stokes2_velocity(
     return jnp.stack([u, w], axis=-1)
 
 
+def standing_velocity(x: np.ndarray, a: float, k: float, d: float, g: float = GRAVITY) -> np.ndarray:
+    """Velocities `[N, D]` (m/s) at `x` (m) in a linear standing wave when its surface is flat; host only.
+
+    The surface rises where cos kx > 0. **Arguments**: `a`: amplitude of the surface, m; `k`: wavenumber,
+    rad/m; `d`: depth, m; `g`: acceleration of gravity, m/s2.
+    """
+    u, scale = np.zeros_like(x), a * np.sqrt(g * k * np.tanh(k * d))
+    # cosh(kz)/sinh(kd) and sinh(kz)/sinh(kd) from decaying exponentials, because growing exponentials
+    # overflow in deep water
+    up, down = np.exp(k * (x[:, -1] - d)), np.exp(-k * (x[:, -1] + d))
+    u[:, 0] = -scale * np.sin(k * x[:, 0]) * (up + down) / -np.expm1(-2 * k * d)
+    u[:, -1] = scale * np.cos(k * x[:, 0]) * (up - down) / -np.expm1(-2 * k * d)
+    return u
+
+
 def largest_stroke(d: float) -> float:
     """Largest peak-to-peak stroke of a piston for waves within `theory_limits` in depth `d` (m), m.
 
