@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.spatial import KDTree
 
-from jaxsph.core.arrays import columns, on_device
+from jaxsph.core.arrays import on_device
 from jaxsph.core.pairs import Smoothing
 from jaxsph.core.search.base import AbstractSearch, Grid, needed_capacity
 from jaxsph.core.search.cells import Cells, grid_over
@@ -140,7 +140,7 @@ def assemble(
         parts=part_states(model, dtype),
         ledger={name: Tally.zero(dtype) for name in model.entries()},
         limits={name: Tally.zero(dtype) for name in scheme.limiters()},
-        step=jnp.zeros((), jnp.int32),
+        step=on_device(0, np.int32),
         status=Status.sound(dim, dtype),
     )
     return model, state
@@ -151,14 +151,14 @@ def _particles(
 ) -> Particles:
     """Particles at x `[N, D]` (m) with velocities u (m/s) and masses m `[N]` (kg, kg/m in 2-D), at zero
     pressure, with room for the responses to the air of the `chambers`."""
-    zero = jnp.zeros(len(x), dtype)
+    zero = on_device(np.zeros(len(x)), dtype)
     return Particles(
         x=on_device(x, dtype),
         x_carry=on_device(x - np.asarray(x, dtype), dtype),
         u=on_device(u, dtype),
         rho=zero,
         m=on_device(m, dtype),
-        id=jnp.arange(len(x), dtype=jnp.int32),
+        id=on_device(np.arange(len(x)), np.int32),
         p=zero,
         p_mean=zero,
         p_air={chamber.name: zero for chamber in chambers},
@@ -240,7 +240,7 @@ def _search(
         found["node_capacity"] = needed_capacity(nodes)
         found["chamber_capacity"] = 1
         for chamber in chambers:
-            count = _candidate_count(chamber, columns(on_device(x, walls.x.dtype)), skin)
+            count = _candidate_count(chamber, tuple(on_device(a, walls.x.dtype) for a in x.T), skin)
             found["chamber_capacity"] = max(found["chamber_capacity"], int(1.5 * int(count)) + 32)
         found["rebuild_every"] = block
     return Search(
@@ -266,9 +266,9 @@ def _fullest(walls: Ghosts, x: np.ndarray, grid: Grid, radius: float, skin: floa
     """
     kind, sees = region_bits(walls.regions, x, walls.x.dtype)
     images, there = _first_images(walls.images, on_device(x, walls.x.dtype), radius, skin)
-    behind, at_nodes = walls.kind[: len(there)], walls.at_nodes
+    behind, at_nodes = np.asarray(walls.kind)[: len(there)], walls.at_nodes
     sources = np.concatenate([x, np.asarray(images, float)[there], np.asarray(walls.x, float)[at_nodes]])
-    kinds = np.concatenate([kind, np.asarray(behind)[there], np.asarray(walls.kind)[at_nodes]])
+    kinds = np.concatenate([kind, behind[there], np.asarray(walls.kind)[at_nodes]])
     around = _neighbour_count(x, sees, sources, kinds, grid) - 1  # a particle is not its own neighbour
     node, node_sees = np.asarray(walls.node, float)[at_nodes], np.asarray(walls.node_sees)[at_nodes]
     # a moving wall's force is summed over all water around its ghosts, whatever the water's region

@@ -75,8 +75,9 @@ def make_paddle(
     rate = 0.04 * float(waves.omega)
     absorption = ActiveAbsorption.at_gauge(waves, distance, drift_rate=rate)
     absorption = jax.tree.map(leaf, absorption)
-    x, V = (leaf(a) for a in water)
-    still = jax.jit(column_depth)((x[:, 0], x[:, -1]), V, leaf(distance), leaf(width))
+    x, V = water
+    given = (leaf(x[:, 0]), leaf(x[:, -1])), leaf(V), leaf(distance), leaf(width)
+    still = jax.jit(column_depth)(*given)
     motion = AbsorbingMotion(waves, absorption, leaf(distance), leaf(width), still)
     return Paddle(motion=motion, rows=walls.paddle)
 

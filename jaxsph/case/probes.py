@@ -10,6 +10,7 @@ import numpy as np
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.sections import Sections
 from jaxsph.case.shapes import crest_of
+from jaxsph.core.arrays import on_device
 from jaxsph.model.interfaces import Model
 from jaxsph.model.probe import AbstractProbe
 from jaxsph.model.state import State
@@ -30,23 +31,23 @@ def make_probes(case: Sections, model: Model, state: State) -> tuple[AbstractPro
     released = case.tank.column is not None
     level = jnp.zeros_like(model.depth) if released else model.depth
     if geometry.gauges:
-        at = jnp.asarray(geometry.gauges, dtype)
-        gauge = WaveGauge(at, jnp.zeros_like(at))
+        at = on_device(geometry.gauges, dtype)
+        gauge = WaveGauge(at, on_device(np.zeros(len(at)), dtype))
         # a gauge reads the depth of the water, which is smaller above a raised bed
-        still = jnp.zeros_like(at) if released else _measure(gauge, model, state)["eta"]
+        still = gauge.still if released else _measure(gauge, model, state)["eta"]
         found.append(WaveGauge(at, still))
     if geometry.surface:
         at, top = np.asarray(geometry.surface), model.walls.high[-1]
         levels = np.arange(0.0, top, 0.5 * case.dx)
-        at, levels = (jnp.asarray(a, dtype) for a in (at, levels))
+        at, levels = (on_device(a, dtype) for a in (at, levels))
         found.append(InterpolatedGauge(at, levels, level))
         wire = WireGauge(at, jnp.zeros_like(at[:, 0]))
         still = wire.still if released else _measure(wire, model, state)["eta_wire"]
         found.append(WireGauge(at, still))
     if geometry.pressure:
-        found.append(PressureProbe(jnp.asarray(geometry.pressure, dtype)))
+        found.append(PressureProbe(on_device(geometry.pressure, dtype)))
     if geometry.velocity:
-        found.append(VelocityProbe(jnp.asarray(geometry.velocity, dtype)))
+        found.append(VelocityProbe(on_device(geometry.velocity, dtype)))
     for name in case.probes.overtopping:
         crest, top = (jnp.asarray(a, dtype) for a in crest_of(geometry.solids[name], case.dx))
         probe = OvertoppingProbe(crest, top, jnp.zeros_like(crest), name)
@@ -58,7 +59,7 @@ def make_probes(case: Sections, model: Model, state: State) -> tuple[AbstractPro
     bodies = {body.name: body for body in model.bodies}
     for name, section in case.every_body.items():
         if section.sensors:
-            found.append(BodyPressureProbe.of(bodies[name], jnp.asarray(section.sensors, dtype)))
+            found.append(BodyPressureProbe.of(bodies[name], on_device(section.sensors, dtype)))
     return tuple(found)
 
 

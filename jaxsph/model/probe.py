@@ -35,7 +35,7 @@ class AbstractProbe(eqx.Module):
         return {}
 
 
-def places(points: jax.Array, dimension: str, what: str, axes: str) -> Coordinates:
+def places(points: jax.Array | np.ndarray, dimension: str, what: str, axes: str) -> Coordinates:
     """Coordinates of points `[k, D]` (m) by name, for example "sensor_x"; `axes` has a letter for each axis.
 
     The values are the decimal numbers as given, without the rounding error of single precision.

@@ -13,8 +13,9 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from jaxsph.core.arrays import Array, Float, Int, Scalar
+from jaxsph.core.arrays import Array, Float, Int, Scalar, on_device
 from jaxsph.core.search.base import AbstractSearch, Grid
 from jaxsph.core.slabs import ONE, Chosen, Neighbours, PointNeighbours, Slabs
 
@@ -167,10 +168,10 @@ class Status(eqx.Module):
     @classmethod
     def sound(cls, dim: int, dtype: Any) -> Status:
         """Status without a failure."""
-        zero = jnp.zeros((), jnp.int32)
+        zero = on_device(0, np.int32)
         most = {name: zero for name in SIZES}
-        none = jnp.zeros((), dtype)
-        return cls(zero, zero, jnp.zeros(dim, dtype), most, none, none)
+        none = on_device(0.0, dtype)
+        return cls(zero, zero, on_device(np.zeros(dim), dtype), most, none, none)
 
     def flag(self, failure: Failure, failed: jax.Array, step: jax.Array, where: jax.Array) -> Status:
         """Status with a failure added if `failed`; step and position of the first failure are kept."""

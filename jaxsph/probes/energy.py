@@ -40,7 +40,7 @@ class EnergyProbe(AbstractProbe):
         """Builds the probe with energies relative to `state`, for samples `sample_dt` (s) apart."""
         entries, limiters = tuple(model.entries().items()), tuple(model.scheme.limiters().items())
         compression0 = model.scheme.compression(state.particles)
-        potential0 = jnp.asarray(cls.held(model, state)[1], model.dt.dtype)
+        potential0 = jnp.asarray(eqx.filter_jit(cls.held)(model, state)[1], model.dt.dtype)
         return cls(sample_dt, compression0, potential0, entries, limiters, len(model.g))
 
     @staticmethod

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxsph.core.arrays import Array, Float, Scalar, columns
 from jaxsph.core.pairs import nearest_image
@@ -38,7 +39,7 @@ class WaveGauge(AbstractProbe):
 
     def coordinates(self):
         """See `AbstractProbe.coordinates`."""
-        return places(self.x[:, None], "gauge", "gauge, from the paddle at rest", "x")
+        return places(np.asarray(self.x)[:, None], "gauge", "gauge, from the paddle at rest", "x")
 
 
 class InterpolatedGauge(AbstractProbe):

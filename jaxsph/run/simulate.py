@@ -123,8 +123,14 @@ def simulate_chunk(
     found = lowered.advance(_simulate, key, *arguments) if key and alone else None
     state, readings = found or (_on_one_device if alone else _on_devices)(*arguments)
     if n_steps < most:
-        readings = jax.tree.map(lambda a: a[: n_steps // sample_every], readings)
+        readings = _first(readings, n_steps // sample_every)
     return state, readings
+
+
+@functools.partial(jax.jit, static_argnums=1)
+def _first(readings, count):
+    """The first `count` samples of all readings; one program instead of one for every shape."""
+    return jax.tree.map(lambda a: a[:count], readings)
 
 
 def _simulate(model, state, probes, most, sample_every, n_steps):

@@ -97,6 +97,7 @@ def stokes3_wavenumber(
     return k
 
 
+@jax.jit
 def _x_over_sinh(x: Array) -> Array:
     """Ratio x / sinh x for x > 0 (-); neither the ratio nor its derivative overflows."""
     return 2.0 * x * jnp.exp(-x) / -jnp.expm1(-2.0 * x)
