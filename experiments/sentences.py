@@ -124,7 +124,7 @@ PROSE = (
         (TUTORIAL,),
     ),
     Sentence(
-        "the ratio lies between {:.2f} and {:.2f}",
+        "this ratio lies between {:.2f} and {:.2f}",
         lambda r: over_theory(r, "annual_power_0.02", "mean power, "),
         (TUTORIAL,),
     ),

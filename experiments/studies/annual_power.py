@@ -18,7 +18,7 @@ experiment."""
 
 
 def study_case(dx: float = 0.02) -> js.Case:
-    """The built-in OWC in a sea of thirty waves, in a tank of 4 m whose first half is a relaxation zone."""
+    """The built-in OWC in a sea of thirty waves, in a tank 4 m long whose first half is a relaxation zone."""
     return js.load_case("owc_irregular").replace(
         {
             "name": "annual_power",

@@ -188,7 +188,7 @@ def _missing(case: Sections, seas: bool = False) -> str | None:
     if not seas and case.waves.kind != "regular":
         return f'waves.kind = "{case.waves.kind}"'
     if not case.turbines:
-        return "no turbine is given, for example pto.K_dm"
+        return "no turbine is given (by a key such as pto.K_dm)"
     (pto,), (name,) = case.turbines, case.chambers
     key = case.chamber_key(name, "pto")
     if pto.curve is not None or pto.has_relief:

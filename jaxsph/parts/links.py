@@ -255,9 +255,9 @@ class HydraulicTakeOff(AbstractLaw):
     area: Scalar
     """Area of the piston, m2."""
     pressure: Scalar
-    """Pressure p0 of the gas without oil, and of the return line, Pa."""
+    """Precharge pressure p0 of the accumulator (without oil), and pressure of the return line, Pa."""
     volume: Scalar
-    """Volume V0 of the gas without oil, m3."""
+    """Gas volume V0 of the accumulator without oil, m3."""
     motor: Scalar
     """Flow through the motor per unit of p - p0, m3/s/Pa."""
     gamma: Scalar

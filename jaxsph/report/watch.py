@@ -25,7 +25,8 @@ HOST = "127.0.0.1"
 
 
 class Watch:
-    """Server of a run's page, updated after every chunk; its context starts and ends the server.
+    """Context manager that serves the page of a run while the context lasts; the page is updated after every
+    chunk.
 
     Each snapshot is read only once. If reading fails while the file changes, the page shows the error and
     tries again.

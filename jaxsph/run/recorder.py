@@ -108,7 +108,9 @@ def check_end(start: Start, t1: float, ended: bool = True) -> None:
     dt = start.problem.sample_dt
     now = int(start.state.step) / start.problem.sample_every * dt
     if not math.isfinite(t1):
-        raise CaseError(f"t1 = {t1:g} s: must be a finite time after the present {now:g} s of the run")
+        raise CaseError(
+            f"t1 = {t1:g} s: must be a finite time later than the current time of the run, {now:g} s"
+        )
     if round(t1 / dt) < round(now / dt) + ended:
         least = now + ended * dt
         raise CaseError(f"t1 = {t1:g} s: the run is already at {now:g} s; give a t1 of at least {least:g} s")

@@ -191,7 +191,7 @@ class ISPH(AbstractParticleScheme):
         return {
             "tension": "pressure below the lowest allowed pressure, raised to this limit",
             "crowding": "crowding stronger than that of ordinary disorder, limited",
-            "response": "particles in a chamber, whose response to the air is raised to a limit",
+            "response": "particles whose response to a chamber's air is raised to its lower bound",
         }
 
     # ---------------------------------------------------------------- one step

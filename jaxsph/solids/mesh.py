@@ -43,7 +43,7 @@ class Mesh(AbstractShape):
         inside: tuple[float, tuple[float, ...], tuple[tuple[float, ...], ...]],
         side: float,
     ) -> Mesh:
-        """Mesh with a grid of intervals `side` (m).
+        """Mesh whose distances are computed on a grid of spacing `side` (m).
 
         **Arguments**: `distance`: distances (m) of points `[N, 3]` (m) from the surface; `extent`, `inside`:
         see the fields of the same names.
