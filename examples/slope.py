@@ -1,9 +1,9 @@
 """A slope: the energy that the turbine absorbs and its derivative with respect to the damping, through the
 time loop.
 
-The derivative is exact to round-off. After about one simulated second it follows single particles instead
-of the flow, and is valid only for ever smaller changes of the damping. For efficiencies in settled waves use
-`js.derivative(case, "pto.K_dm")`, a fit to several runs.
+The derivative is exact to round-off. After about one simulated second it follows individual particles
+instead of the flow, and is valid only for ever smaller changes of the damping. For efficiencies in settled
+waves use `js.derivative(case, "pto.K_dm")`, a fit to several runs.
 """
 
 import equinox as eqx

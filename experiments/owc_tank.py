@@ -22,7 +22,7 @@ CHAMBER, RHO_AIR = 0.13, 1.2
 
 
 def study_case(dx: float, t1: float = 14.0) -> js.Case:
-    """The OWC in a tank of 4 m, half as long as the built-in tank.
+    """The OWC in a tank 4 m long, half as long as the built-in tank.
 
     The paddle absorbs the waves that the OWC reflects. Over the shorter distance the incident waves lose less
     energy, and they arrive at the OWC in half the time.
@@ -41,7 +41,7 @@ def study_case(dx: float, t1: float = 14.0) -> js.Case:
 
 
 def short_case(dx: float, t1: float) -> js.Case:
-    """The OWC in a tank of 1.2 m, where the first waves reach the chamber within a period."""
+    """The OWC in a tank 1.2 m long, where the first waves reach the chamber within a period."""
     return js.load_case("owc").replace(
         {
             "dx": dx,

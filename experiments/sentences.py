@@ -323,7 +323,7 @@ PROSE = (
         (METHOD,),
     ),
     Sentence(
-        "the OWC has {:.1f}, {:.1f} and {:.1f} % at dx = 0.02, 0.01 and 0.005 m",
+        "the noise of the OWC is {:.1f}, {:.1f} and {:.1f} % at dx = 0.02, 0.01 and 0.005 m",
         lambda r: tuple(100 * value for value in spacings("noise")(r)),
         (METHOD,),
     ),

@@ -334,7 +334,7 @@ SEA_STATE = {"kind": "irregular", "Hs": 0.1, "Tp": 3.0, "zone": 3.0, "second_ord
         ({"waves.spreading": 10.0}, r'waves.spreading belongs to waves.kind = "irregular"'),
         (
             {"waves": SEA_STATE | {"spreading": 10.0, "second_order": True}},
-            r"is of first order; set second_order",
+            r"is generated to first order only; set second_order",
         ),
         ({"waves": SEA_STATE | {"spreading": 1.0}}, r"of the energy would travel at more than 1.4 rad"),
         ({"waves.heading": 0.3}, r"the direction of waves is `waves.direction`, rad"),

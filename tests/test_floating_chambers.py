@@ -131,7 +131,7 @@ def test_air_pushes_water_and_hull_with_opposite_forces(channel):
 
 
 def test_water_and_hull_keep_their_momentum(channel):
-    """In a channel without ends. The hull feels its contact with single particles a step later.
+    """In a channel without ends. The hull feels its contact with individual particles a step later.
 
     Without a chamber the same sums miss 1.3e-5 and 3.7e-5 of the momenta that moved, by rounding.
     """
@@ -158,7 +158,7 @@ def test_energy_balance_and_law_of_a_floating_chamber():
 def test_air_lifts_a_hull_as_hydrostatics_says(kind):
     """The lift is p b / (rho g A) over the water outside, to a tenth of a spacing of 0.02 m.
 
-    The hull of 0.24 m of waterline floats in a tank of 2 m with a chamber of 0.28 m under 100 Pa.
+    The hull of 0.24 m of waterline floats in a tank 2 m long with a chamber of 0.28 m under 100 Pa.
     """
     hull = np.array([[0, -14], [12, -14], [12, 20], [40, 20], [40, -14], [52, -14], [52, 26], [0, 26]]) * 0.01
     changes = {

@@ -108,13 +108,16 @@ def test_a_repetition_of_a_sea_is_averaged_without_a_notice():
 def test_a_t1_that_is_too_short_is_told_with_one_that_is_not(changes):
     """The rule is that of the doubts about the results."""
     case = OWC.replace(changes)
-    text = notice(case, "settled from about t = ")
+    text = notice(case, "the waves settle at about t = ")
     left = max(int((case.t1 - 9.414) / 1.2), 0)
-    assert f"settled from about t = 9.414 s; t1 = {case.t1:g} s leaves {left or 'no'} whole period" in text
+    assert (
+        f"the waves settle at about t = 9.414 s; t1 = {case.t1:g} s leaves {left or 'no'} whole period"
+        in text
+    )
     t1 = float(text.split("use t1 = ")[1].split(" s")[0])
     changed = {"t1": t1} | ({"output.periods": FEW} if "output.periods = 5" in text else {})
     enough = case.replace(changed)
-    assert not notice(enough, "settled from about")
+    assert not notice(enough, "the waves settle at about")
     for one, doubtful in ((case, True), (enough, False)):
         periods = settled_periods(one, one.t1 - one.output.sample_dt)
         results = {"t_end": 1.0} | ({"periods": float(periods)} if periods > 0 else {})
@@ -123,9 +126,11 @@ def test_a_t1_that_is_too_short_is_told_with_one_that_is_not(changes):
 
 def test_the_return_of_reflected_waves_is_told_before_the_run():
     """The same t1 as in the notice of the run, see `test_means_before_the_second_reflection_say_so`."""
-    assert "raise t1 to 35.04 s for the final xi" in notice(OWC.replace({"t1": 22.8}), "means begin at")
-    assert "or more (35.04 s if the device reflects" in notice(OWC.replace({"t1": 11.0}), "settled from")
-    assert not notice(OWC, "means begin at")
+    assert "raise t1 to 35.04 s for the final xi" in notice(OWC.replace({"t1": 22.8}), "averaging starts at")
+    assert "or more (35.04 s if the device reflects" in notice(
+        OWC.replace({"t1": 11.0}), "the waves settle at"
+    )
+    assert not notice(OWC, "averaging starts at")
 
 
 # --- gauges

@@ -215,7 +215,7 @@ def test_projection_takes_the_divergence_out():
 def test_crowded_water_spreads_as_fast_with_any_step(advanced, share):
     """With 2 % too much mass, one step leaves the divergence that spreads the water, whatever dt.
 
-    The surface above and a tolerance of 0.3 % change the mean divergence of the deep water.
+    The surface above and a tolerance of 0.3 % change the mean divergence of the water well below the surface.
     """
     model, state, _ = advanced("mirror", TANK | {"tank": TANK["tank"] | {"walls": "mirror"}}, 20)
     state = eqx.tree_at(lambda s: s.particles.m, state, 1.02 * state.particles.m)

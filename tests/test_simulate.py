@@ -519,7 +519,7 @@ def test_means_before_the_second_reflection_say_so():
     gauges, case = [2.0, 2.3, 2.75], BRIEF
     _, notices = run_results(*_ended(case, gauges, 0.3), 1.0, 100)
     assert len(notices) == 1
-    assert re.search(r"means begin at t = 10.8 s, .* at t = 23 s: .* raise t1 to 35.04 s", notices[0])
+    assert re.search(r"averaging starts at t = 10.8 s, .* at t = 23 s: .* raise t1 to 35.04 s", notices[0])
     for others in (
         _ended(case, gauges, 0.1),  # weak reflection
         _ended(case.replace({"t1": 40.0}), gauges, 0.3),  # waves have returned
@@ -646,7 +646,7 @@ def test_too_few_settled_periods_ask_for_a_longer_run():
 
 
 def test_results_begin_after_a_change_and_its_transient():
-    """Wave energy needs 7 s to the far end of the tank: after a change at 8 s, means begin at 15 s."""
+    """Wave energy needs 7 s to the far end of the tank: after a change at 8 s, averaging starts at 15 s."""
     case, solution = _ended(BRIEF, [2.0, 2.3, 2.75])
     solution.series["power_pto"] = np.where(solution.t < 8.0, 100.0, 0.5)
     results, notices = run_results(case, solution, 1.0, 100, since=8.0)

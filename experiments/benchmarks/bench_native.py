@@ -27,7 +27,10 @@ BAR = 0.62
 
 
 def main(turns: int = 5, samples: int = 4) -> None:
-    """Times steps of both forms in turns, on one core, searches and probes included."""
+    """Measures the time of a step with native and with JAX's loops, alternately, on one core.
+
+    The steps include searches and probes.
+    """
     use_threads(1)
     find_devices(1)
     with switched(True):

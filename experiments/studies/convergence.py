@@ -103,7 +103,7 @@ def main(
 
 
 def study_case(kind: str, dx: float) -> js.Case:
-    """The built-in OWC in a tank of 3 m with the scheme `kind`, at the spacing dx (m).
+    """The built-in OWC in a tank 3 m long with the scheme `kind`, at the spacing dx (m).
 
     The positions of wall and gauges do not depend on the spacing.
     """

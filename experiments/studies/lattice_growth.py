@@ -1,6 +1,6 @@
 """Growth of exact slopes in still water, where rows of the square lattice slide over each other on the bed.
 
-The OWC is in a tank of 2 m, and the waves have not arrived. At first only the small motions of the water in
+The OWC is in a tank 2 m long, and the waves have not arrived. At first only the small motions of the water in
 the chamber depend on K_dm.
 """
 

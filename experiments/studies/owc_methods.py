@@ -1,7 +1,7 @@
 """Section 4.3: the OWC with regional ghosts and, on a lattice fine enough for them, with multi-node ghosts.
 
-The waves are the paper's, H = 0.04 m and T = 1.4 s, in a tank of 4 m. The measured series of Fig. 16 are not
-available, so the two methods are compared with each other and with linear theory.
+The waves are the paper's, H = 0.04 m and T = 1.4 s, in a tank 4 m long. The measured series of Fig. 16 are
+not available, so the two methods are compared with each other and with linear theory.
 """
 
 from __future__ import annotations

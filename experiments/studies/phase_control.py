@@ -1,6 +1,6 @@
 """Damping as a function of the phase of the waves, optimised wave by wave in reverse mode.
 
-The OWC is in a tank of 1.2 m. The function has four Fourier coefficients. For every wave one filtered
+The OWC is in a tank 1.2 m long. The function has four Fourier coefficients. For every wave one filtered
 reverse pass computes the absorbed energy and its slopes for all coefficients; Adam then changes the
 coefficients for the next wave. Afterwards waves with the learnt damping are compared with waves with the
 constant damping.

@@ -1,6 +1,6 @@
 """How long an exact derivative describes the flow: growth of the slopes d/dK_dm in the OWC's chamber.
 
-The built-in OWC is in a tank of 1.2 m, where the first waves reach the chamber within a period, at
+The built-in OWC is in a tank 1.2 m long, where the first waves reach the chamber within a period, at
 dx = 0.02 m.
 """
 

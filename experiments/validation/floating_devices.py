@@ -2,8 +2,8 @@
 
 The power and the amplitudes of the readings are compared with linear theory; `jaxsph run` prints the
 simulated and the theoretical values. Linear theory assumes small waves and no flow separation at corners
-(docs/measurements.md). Energies are divided by the work of the paddle, which absorbs the waves that return to
-it.
+(docs/measurements.md). Energies are divided by the work done by the paddle, which absorbs the waves
+that return to it.
 """
 
 from __future__ import annotations

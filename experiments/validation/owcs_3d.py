@@ -1,6 +1,6 @@
 """Built-in OWCs in three dimensions in regular waves: energy balance, capture width, pressure and level.
 
-There are no theoretical values for these devices. Energies are divided by the work of the paddle, which
+There are no theoretical values for these devices. Energies are divided by the work done by the paddle, which
 absorbs the waves that return to it.
 """
 

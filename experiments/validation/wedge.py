@@ -41,7 +41,7 @@ def main(dx: float = 0.005) -> None:
     t = fixed["time"]
     now = (t >= WINDOW[0]) & (t <= WINDOW[1])
     force = fixed["body_force"][:, 1]
-    # a line through the origin, because in the first instants only single particles are hit
+    # a line through the origin, because in the first instants only individual particles are hit
     slope = float(np.sum(force[now] * t[now]) / np.sum(t[now] ** 2) / (RHO * V**3))
     Cp = fixed["body_pressure"] / (0.5 * RHO * V**2)
     height = FACE * 0.1443

@@ -56,7 +56,7 @@ ZONE, SPONGE = 1.5, 1.75
 """Lengths of zone and sponge, in wavelengths. By linear long-wave theory with their damping rates they
 reflect less than 1 % of a wave's amplitude; a zone of one wavelength would reflect 3 %."""
 RAMP, SETTLE, TAKEN = 1, 3, 4
-"""Numbers of periods in which the motion grows, the waves settle, and the force is evaluated."""
+"""Numbers of periods in which the motion is ramped up, the waves settle, and the force is evaluated."""
 BARS = {"added mass": 0.03, "damping": 0.05}
 SAMPLE = 0.01
 """Time between two samples, s."""

@@ -33,7 +33,7 @@ PERIODS = {0.7: 1.6, 0.85: 2.0}
 AMPLITUDE = 0.01
 """Amplitude of the heave, m."""
 RAMP, SETTLE, TAKEN = 1, 1, 2
-"""Numbers of periods in which the motion grows, the waves settle, and the force is evaluated."""
+"""Numbers of periods in which the motion is ramped up, the waves settle, and the force is evaluated."""
 BARS = {"added mass": 0.05, "damping": 0.1}
 
 

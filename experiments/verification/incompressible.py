@@ -99,7 +99,7 @@ def _impact(name: str, layers: int, changes: dict) -> _Impact:
     # larger where the water falls than at the wall. A tenth of the default tolerance is therefore used.
     changes = changes | ({"tank.walls": "dummy", "scheme.tolerance": 3e-4} if changes else {})
     case = dam_break.impact_case(layers).replace(
-        # single drops of the jet up the wall rise above the rim, and may leave the tank
+        # individual drops of the jet up the wall rise above the rim, and may leave the tank
         changes | {"t1": 1.4, "output.sample_dt": 0.004, "probes.gauges": [], "tank.rim": "open"}
     )
     file = solved(case, f"impact_{name.split()[0]}_{layers}")

@@ -87,7 +87,8 @@ def spectrum(t: ArrayLike, y: ArrayLike, bands: int = BANDS) -> Spectrum:
     step = even_step(t)
     if y.ndim != 1 or t.size < 8 * bands:
         raise ValueError(
-            f"a spectrum needs one series of at least {8 * bands} samples, not an array of shape {y.shape}"
+            f"a spectrum needs a one-dimensional series of at least {8 * bands} samples, not an array of "
+            f"shape {y.shape}"
         )
     fade: Any = ("tukey", TAPER)  # the type stubs only have windows without parameters
     f, S = scipy.signal.periodogram(y, 1.0 / step, window=fade, detrend="constant")
@@ -177,7 +178,8 @@ def mean_with_error(y: ArrayLike) -> Mean:
     n = y.size
     if y.ndim != 1 or n < 8:
         raise ValueError(
-            f"a mean with an error needs one series of at least 8 samples, not an array of shape {y.shape}"
+            "the standard error of a mean needs a one-dimensional series of at least 8 samples, not an array "
+            f"of shape {y.shape}"
         )
     rest = y - np.mean(y)
     variance = float(np.mean(rest**2))

@@ -289,7 +289,7 @@ def _instead_of_isph(section: Any) -> str:
 
 
 def section_in(annotation: Any) -> type[BaseModel] | None:
-    """Section class in the annotation of a field (the first of several kinds); None if there is no class."""
+    """Section class in the annotation of a field (the first, if the field allows several), or None."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     found = (section_in(option) for option in typing.get_args(annotation))

@@ -32,9 +32,11 @@ def coarsen(case: Case) -> Case:
             return _shortened(_coarser(case, factor))
         except CaseError as error:
             refusal = refusal or str(error)
+    *others, last = (f"{factor:g}" for factor in FACTORS)
+    factors = f"{', '.join(others)} or {last}"
     raise CaseError(
-        f"dx = {case.dx:g} m is as coarse as this case can be ({refusal}): run the case unchanged, or with a "
-        "smaller t1"
+        f"this case cannot be run with dx increased from {case.dx:g} m by a factor of {factors} ({refusal}): "
+        "run the case unchanged, or with a smaller t1"
     )
 
 

@@ -37,13 +37,13 @@ def _settled(case: Sections) -> list[str]:
         if final is None:
             return []
         return [
-            f"means begin at t = {case.t1 - periods * waves.cycle:.3g} s, before the waves that the device "
-            "reflects return from the paddle: if they are more than a fifth as high as the incident ones, "
-            f"raise t1 to {final:.4g} s for the final xi"
+            f"averaging starts at t = {case.t1 - periods * waves.cycle:.3g} s, before the waves that the "
+            "device reflects return from the paddle: if they are more than a fifth as high as the incident "
+            f"ones, raise t1 to {final:.4g} s for the final xi"
         ]
     left = max(int((case.t1 - begin) / waves.cycle + 1e-6), 0)
     what = "period" if waves.cycle == waves.period else "wave group"
-    text = f"settled from about t = {begin:.4g} s; t1 = {case.t1:g} s leaves "
+    text = f"the waves settle at about t = {begin:.4g} s; t1 = {case.t1:g} s leaves "
     text += f"{left or 'no'} whole {what}{'' if left in (0, 1) else 's'}; use "
     ways, sea = [], waves.repeats is not None
     if too_few(left):

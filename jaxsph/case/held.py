@@ -29,7 +29,7 @@ STILL = 1e-6
 """Height of the waves in runs with a prescribed motion, m. This height is negligible, but a case with
 waves has a paddle, which absorbs the radiated waves that reach it."""
 RAMP = 2.0
-"""Number of periods over which the motion or the waves grow."""
+"""Number of periods over which the motion or the waves are ramped up."""
 LEAST_LENGTH = 20
 """Smallest ratio of the wavelength to the spacing. Shorter waves decay so fast that the computed damping is
 no longer the radiation damping."""

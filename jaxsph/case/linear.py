@@ -137,7 +137,11 @@ def linear_check(case: Sections) -> list[tuple[str, str]]:
         best += f", at K_dm = {found.K_dm_best:.4g}"
     return [
         ("linear efficiency", f"{found.xi:.3g} ({best})"),
-        ("linear pressure", f"{abs(found.P_a):.4g} Pa amplitude, {found.P_a_peak:.4g} Pa at its peaks"),
+        (
+            "linear pressure",
+            f"{abs(found.P_a):.4g} Pa amplitude at the wave frequency, {found.P_a_peak:.4g} Pa peak "
+            "by the turbine's law",
+        ),
         ("linear chamber level", f"{abs(found.level):.3g} m amplitude"),
     ]
 

@@ -64,7 +64,7 @@ class LinearMotions:
     extensions: dict[str, complex]
     """Extensions of all links except moorings, whose extension is a vector, by the link's name, m or rad."""
     forces: dict[str, complex]
-    """Forces of all links except moorings, by the link's name, N/m or N."""
+    """Complex amplitudes of the forces (N/m) or moments (N) of all links except moorings, by name."""
     powers: dict[str, float]
     """Mean power of every power take-off of links and chambers, by its name, W/m."""
     swings: dict[str, complex]

@@ -59,9 +59,9 @@ def limit_notices(case: Sections, geometry: Geometry) -> list[str]:
     stable, sample = stable_time_step(case), case.output.sample_dt
     if SHORTER * 0.5 * sample < stable:
         notes.append(
-            f"output.sample_dt = {sample:g} s limits the time step to {0.5 * sample:.3g} s, but up to "
-            f"{stable:.3g} s is stable: use output.sample_dt = {2.0 * stable:.2g} s or more; the run then "
-            f"takes {0.5 * sample / stable:.2g} times as long"
+            f"output.sample_dt = {sample:g} s limits the time step to {0.5 * sample:.3g} s, although "
+            f"time steps of up to {stable:.3g} s are stable: use output.sample_dt = {2.0 * stable:.2g} s or "
+            f"more; the run then takes {0.5 * sample / stable:.2g} times as long"
         )
     return notes if case.waves is None else notes + _wave_notices(case, case.waves, geometry)
 
@@ -72,8 +72,8 @@ def _wave_notices(case: Sections, waves: WavesSection, geometry: Geometry) -> li
     if case.output.sample_dt > SAMPLE * waves.period:
         notes.append(
             f"output.sample_dt = {case.output.sample_dt:g} s is more than a tenth of the waves' period of "
-            f"{waves.period:g} s: peaks are missed, and the reflection needs eight samples per period; use "
-            f"{SAMPLE * waves.period:.3g} s or less"
+            f"{waves.period:g} s: peaks are missed, and the reflection analysis needs at least eight "
+            f"samples per period; use {SAMPLE * waves.period:.3g} s or less"
         )
     H, T = waves.highest(geometry.depth, case.g), waves.period
     highest, why = breaking_height(T, geometry.depth, case.g)

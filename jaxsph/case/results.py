@@ -98,15 +98,15 @@ def _before_the_echo(case: Sections, record: Record) -> list[str]:
         return []
     end = echo + case.output.periods * given_waves(case).cycle
     return [
-        f"means begin at t = {begin:.3g} s, before the waves that the device reflects return from the "
-        f"paddle, at t = {echo:.3g} s: xi may then change by a few per cent; for the final xi raise "
+        f"averaging starts at t = {begin:.3g} s, before the waves that the device reflects return from "
+        f"the paddle, at t = {echo:.3g} s: xi may then change by a few per cent; for the final xi raise "
         f"t1 to {end:.4g} s"
     ]
 
 
 def echo_after(case: Sections, begin: float) -> float | None:
-    """Time (s) at which waves reflected by the device return to it from the paddle; None if means that begin
-    at `begin` (s) are later, or if the waves are a sea."""
+    """Time (s) at which waves reflected by the device return to it from the paddle; None if averaging
+    starts later, at `begin` (s), or if the waves are a sea."""
     waves = given_waves(case)
     echo = waves.ramp_periods * waves.period + 3.0 * travel_time(case, _device_x(case))
     return None if waves.repeats is not None or begin > echo - waves.period else echo

@@ -181,8 +181,8 @@ class IrregularWavesSection(_SpectralSection):
             return self
         if self.second_order:
             raise ValueError(
-                f"spreading = {self.spreading:g} makes a directional sea, which is of first order; set "
-                "second_order = false, or remove spreading"
+                f"spreading = {self.spreading:g} makes a directional sea, which is generated to first order "
+                "only; set second_order = false, or remove spreading"
             )
         beyond = spectra.spread_beyond(self.spreading, self._within)
         if beyond > BEYOND:

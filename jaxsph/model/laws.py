@@ -29,7 +29,7 @@ def volume(j: Fields) -> jax.Array:
 
 
 def water_volume(j: Fields) -> jax.Array:
-    """Volume of a source j in the water, m3 (m2 in 2-D); zero for a wall's source."""
+    """Volume of the source particle j if it is water, m3 (m2 in 2-D); zero if it belongs to a wall."""
     return jnp.maximum(j["V"], 0.0)
 
 

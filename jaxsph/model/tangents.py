@@ -1,9 +1,9 @@
 """Filter of tangents, which averages derivatives over neighbours and leaves all values unchanged.
 
 The motion of particles is chaotic. After a fraction of a second, an exact derivative through the time loop
-describes the paths of single particles and no longer the flow. A derivative that is averaged over neighbours
-at regular intervals still describes the flow, but the averages remove a part of the flow's response
-(`python -m experiments run filter_study`).
+describes the paths of individual particles and no longer the flow. A derivative that is averaged over
+neighbours at regular intervals still describes the flow, but the averages remove a part of the flow's
+response (`python -m experiments run filter_study`).
 """
 
 from __future__ import annotations

@@ -125,7 +125,7 @@ class CapytaineFile(AbstractCoefficientFile):
             "title": f"Hydrodynamic coefficients of the case {found.name}",
             "source": f"jaxsph {version()}, smoothed particle hydrodynamics",
             "units": PER_WIDTH,
-            "convention": "exp(-i omega t); crest of the waves at x = 0 at t = 0; z = 0 is the still water",
+            "convention": "exp(-i omega t); wave crest at x = 0 at t = 0; z = 0 at the still water level",
             "rotation_centers": "; ".join(at),
             "x_from_paddle": found.x,
             "failures": "\n".join(f"{run}: {text.splitlines()[0]}" for run, text in found.failures.items()),

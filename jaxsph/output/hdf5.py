@@ -146,7 +146,7 @@ _intact: dict[Path, tuple[int, ...]] = {}
 
 
 def _check_seal(path: Path) -> bool:
-    """Whether a file ends with a checksum; files of older versions do not.
+    """Whether a file ends with a checksum; files written by older versions do not.
 
     **Raises** Damage if the checksum does not match.
     """

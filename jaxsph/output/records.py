@@ -4,8 +4,8 @@
     head     JSON: "about", length of the body, and (type, shape, offset in the body, checksum) of every array
     body     the arrays' bytes, one after another
 
-Each array can be read without the others, and bit for bit as it was written. Records of older versions have
-one checksum for all arrays.
+Each array can be read without the others, and bit for bit as it was written. Records written by older
+versions have one checksum for all arrays.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def read_arrays(file: BinaryIO, head: Head, names: Iterable[str] | None = None) 
 
 
 def _check_body(file: BinaryIO, head: Head) -> None:
-    """**Raises** Damage if the checksum of the body does not match; for records of older versions."""
+    """**Raises** Damage if the checksum of the body does not match; for records written by older versions."""
     file.seek(head.body)
     body = file.read(head.end - head.body)
     if len(body) < head.end - head.body or zlib.crc32(body) != head.checksum:

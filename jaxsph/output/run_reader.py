@@ -98,7 +98,7 @@ class RunReader:
 
     @property
     def machine(self) -> str:
-        """Description of the machine on which the run began; empty in files of older versions."""
+        """Description of the machine on which the run began; empty in files written by older versions."""
         return str(self._attributes("/").get("machine", ""))
 
     @property
@@ -126,7 +126,8 @@ class RunReader:
             return text_of(file, "numbers", {})
 
     def scene(self) -> dict[str, Any]:
-        """Solids and walls drawn around the particles, see `run.scene`; empty in files of older versions."""
+        """Solids and walls drawn around the particles, see `run.scene`; empty in files written by older
+        versions."""
         with open_file(self.path) as file:
             return text_of(file, "scene", {})
 

@@ -42,7 +42,7 @@ class RelaxationZone(AbstractDamper):
     length: Scalar
     """Length of the zone from the wall at rest, m."""
     strength: Scalar
-    """Rate at the near end at which velocities are relaxed towards the waves' velocities, 1/s."""
+    """Rate of relaxation towards the waves' velocities, at the near end, 1/s."""
     x: Float[Array, " X"]
     """Positions x of the grid on which the waves' velocities are evaluated, m, evenly spaced."""
     z: Float[Array, " Z"]
@@ -88,7 +88,7 @@ class BasinZone(AbstractDamper):
     width: Scalar
     """Width of the basin, m."""
     strength: Scalar
-    """Rate at the near end at which velocities are relaxed towards the waves' velocities, 1/s."""
+    """Rate of relaxation towards the waves' velocities, at the near end, 1/s."""
     side_strength: Scalar
     """Rate at the side walls, 1/s; 0 without side zones."""
     x: Float[Array, " X"]

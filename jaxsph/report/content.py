@@ -213,7 +213,7 @@ def panels(
             made.append(_panel(name, title, variables[name].units, lines))
     if {"kinetic", "potential", "compression"} <= set(series):
         terms = [
-            ("work of the paddle", work_of(series, "power_paddle"), ""),
+            ("work done by the paddle", work_of(series, "power_paddle"), ""),
             *energy_terms(series, harvested(variables)),
         ]
         lines = [_line(label, t, values, pack) for label, values, _ in terms if np.any(values)]

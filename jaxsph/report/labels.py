@@ -55,7 +55,9 @@ _WAVES = {
 }
 _NUMERICS = {
     "energy_paddle": Label(
-        "work of the paddle", "J/m", "energy given to the water by the wavemaker while results were averaged"
+        "work done by the paddle",
+        "J/m",
+        "energy given to the water by the wavemaker while results were averaged",
     ),
     "energy_stored": Label("  stored in the water", "J/m", "kinetic, potential and compression energy"),
     "energy_pto": Label("  absorbed by the PTO", "J/m"),

@@ -28,7 +28,7 @@ def stored_source(file: RunFile, given: Any = None) -> Source:
         raise FileError(
             f"{file.path} contains a run of the case {stored.name!r}, which differs from the given case or "
             f"program {getattr(given, 'name', given)!r}; resume the file without giving a case, or run the "
-            "given case to a new file"
+            "given case with a new output file"
         )
     return stored
 
@@ -61,8 +61,8 @@ def _program(path: Path, keys: dict[str, Any], given: Any) -> Source:
             )
         if source.digest != keys["digest"]:
             raise FileError(
-                f"{path}: {place} has changed since the run began, and might build another problem; use the "
-                "unchanged program, or run the changed program to a new file"
+                f"{path}: {place} has changed since the run began, and might build a different problem; use "
+                "the unchanged program, or run the changed program with a new output file"
             )
     return source
 

@@ -67,7 +67,8 @@ class WaterLine(NamedTuple):
     compliance: Mapping[tuple[str, str], Scalar]
     """Decrease of chamber a's flow per unit pressure of chamber b, by (a, b), m3/s/Pa (m2/s/Pa in 2-D)."""
     limited: Scalar | float = 0.0
-    """Number of particles that are moved by the air of chambers whose compliance is limited (`LEAST`)."""
+    """Number of particles moved by the air of chambers whose compliance is raised to its lower bound
+    (`LEAST`)."""
 
 
 @Part.AIR.scope()

@@ -72,7 +72,7 @@ class BodiesCoupling(NamedTuple):
     """
 
     holds: dict[str, BodyHold]
-    """Maps of every body, by name."""
+    """Linear maps between accelerations, pressures and force of every body, by name."""
     inverse: Float[Array, "n n"]
     """Accelerations of the coordinates per unit generalised force, with the stiffness and damping of the
     links over a step; 0 for coordinates that are not free."""

@@ -173,7 +173,7 @@ class _Accelerated(NamedTuple):
 
     interval: Interval
     ghosts: GhostFields
-    """Ghosts at the time of the rates, with their velocities."""
+    """Ghosts at the time at which `rates` are evaluated, with their velocities."""
     rates: Rates
     u: Float[Array, "N D"]
     """Velocities, m/s."""

@@ -34,9 +34,9 @@ In two dimensions the default kernel has half as many neighbours as a Gaussian w
 2016, section 2). Hyperviscosity dissipates less of a wave's energy with the default kernel than with the
 Gaussian in two dimensions and with Wendland's kernel in three (`python -m experiments run quiet_water`).
 
-In deep water the lattice buckles with the semicircle (`lattice_stress`), but not with the polynomial. In
-still water in three dimensions the particles at the surface are almost at rest with the semicircle, but not
-with the polynomial.
+Well below the surface the lattice buckles with the semicircle (`lattice_stress`), but not with the
+polynomial. In still water in three dimensions the particles at the surface are almost at rest with the
+semicircle, but not with the polynomial.
 """
 
 KernelName = Literal["gaussian", "wendland", "semicircle", "polynomial"]

@@ -146,7 +146,7 @@ def _plus(a: Unknown, factor: Scalar | float, b: Unknown) -> Unknown:
 
 
 def _bicgstab(operator: Operator, b: Unknown, least: Scalar, iterations: int) -> tuple[Unknown, Scalar]:
-    """Solution of operator(x) = b from x = 0, and the norm of its residual.
+    """Solution of operator(x) = b with the initial guess x = 0, and the norm of its residual.
 
     The residual is at most `least`, unless `iterations` were not enough. After a breakdown, and after every
     `CYCLE` iterations, the iteration restarts from the solution found so far.
@@ -173,7 +173,8 @@ def _bicgstab(operator: Operator, b: Unknown, least: Scalar, iterations: int) ->
 def _cycle(
     operator: Operator, b: Unknown, least: Scalar, iterations: int
 ) -> tuple[Unknown, Unknown, Int[Array, ""]]:
-    """Approximate solution of operator(x) = b from x = 0, its residual, and the number of iterations.
+    """Approximate solution of operator(x) = b with the initial guess x = 0, its residual, and the number of
+    iterations.
 
     The iteration ends at the residual `least`, after `iterations`, or at a breakdown (van der Vorst 1992).
     """

@@ -60,17 +60,17 @@ class LinearOWC:
     """Admittance of the linear turbine q = Lambda p with the same mean power, m2/(s Pa); infinite for an
     open chamber."""
     q: NDArray
-    """Flow of air out of the chamber per unit width, complex, m2/s."""
+    """Complex amplitude of the flow of air out of the chamber per unit width, m2/s."""
     P_a: NDArray
-    """Gauge pressure of the air at the waves' frequency, complex, Pa."""
+    """Complex amplitude of the gauge pressure of the air at the waves' frequency, Pa."""
     level: NDArray
-    """Mean elevation of the chamber's surface, complex, m."""
+    """Complex amplitude of the elevation, averaged over the chamber's surface, m."""
     P_owc: NDArray
     """Mean absorbed power, W/m."""
     P_inc: NDArray
     """Mean incident power, W/m."""
     R: NDArray
-    """Reflection coefficient of the device, complex, at the back wall (-)."""
+    """Complex reflection coefficient of the device at the back wall (-)."""
     K_dm_best: NDArray
     """Damping coefficient for the largest efficiency `eta_max` in waves of height H, without lip loss,
     kg^0.5 m^-2.5."""

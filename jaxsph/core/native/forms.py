@@ -1,8 +1,8 @@
 """Native forms of sums over neighbours and of the loops of a neighbour search, where there are any.
 
-Native forms need a CPU and the package llvmlite (`jaxsph[native]`). Without them, and for pair laws with
-operations that cannot be translated, JAX's forms are used. The neighbours are the same; the sums agree up to
-rounding, because the order of summation and the fusing of products and sums differ.
+Native forms need a CPU and the package llvmlite (`jaxsph[native]`). On other devices, without llvmlite, and
+for pair laws with operations that cannot be translated, JAX's forms are used. The neighbours are the same;
+the sums agree up to rounding, because the order of summation and the fusing of products and sums differ.
 """
 
 from __future__ import annotations

@@ -203,7 +203,7 @@ def energy(run: RunFile) -> Figure | None:
         for label, values, colour in terms:
             ax.plot(t, values, color=colour, label=label)
     if np.any(work):
-        ax.plot(t, work, color="black", lw=1.6, label="work of the paddle")
+        ax.plot(t, work, color="black", lw=1.6, label="work done by the paddle")
     ax.axhline(0.0, color="0.5", lw=0.8)
     units = run.variables()["kinetic"].units
     ax.set_ylabel("energy since the start " + ("(J)" if units == "J" else "(J/m)"))
