@@ -944,7 +944,7 @@ def test_a_run_is_foretold_by_its_own_program(hydrostatic):
     assert simulate._on_one_device._cache_size() == compiled
 
 
-def test_steps_are_timed_in_moving_water(hydrostatic, monkeypatch):
+def test_steps_are_timed_in_moving_water(hydrostatic):
     """Water at rest starts with a standing wave of a tenth of the depth; water that moves starts as it is."""
     timed = importlib.import_module("jaxsph.run.duration")
     case, model, state = hydrostatic

@@ -1,8 +1,8 @@
 """Decay, noise and hyperviscosity of a standing wave, by kernel and by density diffusion.
 
-The scheme is incompressible, in 2-D and 3-D, or weakly compressible, in 2-D. The amplitude of the
-wave is 0.08 m, two spacings; the tank is 1 m long (and 0.4 m wide in 3-D). The viscosity
-of water damps the amplitude at only 2 nu k^2 = 2e-5 per second; the rest of the decay is numerical.
+The scheme is incompressible, in 2-D and 3-D, or weakly compressible, in 2-D. The amplitude of the wave is
+0.08 m, two spacings; the tank is 1 m long (and 0.4 m wide in 3-D). The viscosity of water damps the amplitude
+at only 2 nu k^2 = 2e-5 per second; the rest of the decay is numerical.
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ class EnergyProbe(AbstractProbe):
         """Builds the probe with energies relative to `state`, for samples `sample_dt` (s) apart."""
         entries, limiters = tuple(model.entries().items()), tuple(model.scheme.limiters().items())
         compression0 = model.scheme.compression(state.particles)
-        potential0 = jnp.asarray(eqx.filter_jit(cls.held)(model, state)[1], model.dt.dtype)
+        potential0 = jnp.asarray(_held(model, state)[1], model.dt.dtype)
         return cls(sample_dt, compression0, potential0, entries, limiters, len(model.g))
 
     @staticmethod
@@ -115,3 +115,7 @@ class EnergyProbe(AbstractProbe):
 def per_metre(units: str, dim: int) -> str:
     """Units of a quantity of the whole tank, which in two dimensions is per metre of width."""
     return f"{units} m-1" if dim == 2 else units
+
+
+_held = eqx.filter_jit(EnergyProbe.held)
+"""Computes `EnergyProbe.held`; traced once for all problems of the same form, as a single program."""

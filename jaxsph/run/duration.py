@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
+from jaxsph.core.arrays import on_device
 from jaxsph.model.interfaces import Model
 from jaxsph.model.state import State
 from jaxsph.problem.sources import source_of
@@ -93,4 +93,4 @@ def _in_motion(model: Model, state: State) -> State:
     length, depth = (x - low).max(axis=0)[[0, -1]]
     k = max(round(length / (2.0 * depth)), 1) * np.pi / length
     u = standing_velocity(x - low, 0.05 * depth, k, depth, g)
-    return eqx.tree_at(lambda s: s.particles.u, state, jnp.asarray(u, state.particles.u.dtype))
+    return eqx.tree_at(lambda s: s.particles.u, state, on_device(u, state.particles.u.dtype))
