@@ -153,6 +153,12 @@ def test_jax_md_stays_behind_the_search():
     assert users <= {"core.search.jax_md"}
 
 
+def test_parts_of_scipy_are_loaded_where_they_are_used():
+    """`import scipy` takes no time; its subpackages would take a tenth of the start of every command."""
+    found = [(file, name, of) for file, tree in TREES.items() for name, of in _imports(tree)]
+    assert not [one for one in found if one[1].startswith("scipy.") or (one[1] == "scipy" and one[2])]
+
+
 def test_optional_physics_is_no_flag():
     fields = [
         (file, node.target.id)

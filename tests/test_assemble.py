@@ -9,6 +9,7 @@ import pytest
 import jaxsph as js
 from experiments.common import lattice
 from experiments.verification import taylor_green
+from jaxsph.case.speeds import search_speed
 from jaxsph.model.forces import CentralForce
 from jaxsph.schemes.weakly_compressible import DeltaSPH
 from jaxsph.solids.box import SIDES
@@ -98,6 +99,15 @@ def test_walls_stand_where_the_sides_say(side):
             full = np.asarray(walls.brim.full)[x[:, 1] == z]
             np.testing.assert_allclose(full, full[0], rtol=1e-5)  # float32 rounding
             assert 0.3 < full[0] < 1.1  # at least about half of the kernel is in the water
+
+
+@pytest.mark.parametrize("name", ["beach", "owc", "section_fixed"])
+def test_tables_last_from_one_search_to_the_next(name):
+    """At the expected speed, rounded to whole steps; otherwise a run replays its first fast chunk."""
+    case = js.load_case(name).replace({"dx": 0.04 if name == "owc" else 0.05})
+    model = case.problem().model
+    lasting = 0.5 * float(model.search.skin) / (search_speed(case) * float(model.dt))
+    assert 1 <= model.search.rebuild_every <= max(round(lasting), 1)
 
 
 def test_unknown_side_and_impossible_slide_are_refused():

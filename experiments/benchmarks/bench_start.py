@@ -60,7 +60,10 @@ def _timed(arguments: list[str], folder: Path) -> float:
 
 
 def _environment(folder: Path) -> dict[str, str]:
-    return os.environ | {
+    """Variables with which Python and JAX keep what they compile in `folder`, as they do by default."""
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    return kept | {
+        "PYTHONPYCACHEPREFIX": str(folder / "modules"),
         "JAX_COMPILATION_CACHE_DIR": str(folder / "programs"),
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
     }

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # which imports its subpackages on first use
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 Real = NDArray[np.floating]
 """Real numbers."""
@@ -35,7 +35,7 @@ class LinearFit(NamedTuple):
     """Distance from the nearest particle `[N]`, m."""
 
 
-def linear_fit(particles: KDTree, f: Real, at: Real) -> LinearFit:
+def linear_fit(particles: scipy.spatial.KDTree, f: Real, at: Real) -> LinearFit:
     """Fits fields f `[M, F]` of the M particles in a tree by linear functions at points `at` `[N, D]` (m).
 
     The fit is weighted by 1 - (r/R)^2, where R is the distance to the farthest neighbour. **Raises**

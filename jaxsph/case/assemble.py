@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.spatial import KDTree
+import scipy  # which imports its subpackages on first use
 
 from jaxsph.core.arrays import on_device
 from jaxsph.core.pairs import Smoothing
@@ -110,6 +110,9 @@ def assemble(
         # a particle must not move so far in one step that its neighbour table becomes invalid
         stable = min(stable, 0.4 * skin / speed)
     blocks, block = _cadence(sample_dt, stable, speed, skin)
+    # in fast water the table lasts for a single step; the run would find this out, but only after a replay
+    lasting = 0.5 * skin / (speed * sample_dt / (blocks * block))
+    settings = {"rebuild_every": 1 if lasting < 1.5 else block} | (settings or {})
     model = Model(
         scheme=scheme,
         walls=walls,
@@ -221,7 +224,7 @@ def _search(
     skin: float,
     block: int,
     chambers: Sequence[AbstractChamber],
-    settings: dict[str, int] | None,
+    settings: dict[str, int],
     search_by: type[AbstractSearch],
 ) -> Search:
     radius = float(smoothing.radius) + skin
@@ -233,7 +236,7 @@ def _search(
         if side in ("open", "periodic"):
             low[axis], high[axis] = walls.low[axis], walls.high[axis]
     grid = grid_over(low, high, radius, walls.period)
-    found = dict(settings or {})
+    found = dict(settings)
     if "capacity" not in found:
         fluid, nodes = _fullest(walls, x, grid, float(smoothing.radius), skin)
         found["capacity"] = needed_capacity(fluid)
@@ -242,7 +245,6 @@ def _search(
         for chamber in chambers:
             count = _candidate_count(chamber, tuple(on_device(a, walls.x.dtype) for a in x.T), skin)
             found["chamber_capacity"] = max(found["chamber_capacity"], int(1.5 * int(count)) + 32)
-        found["rebuild_every"] = block
     return Search(
         grid=grid,
         method=search_by.of(grid, everything, np.concatenate([np.asarray(walls.node), x])),
@@ -311,6 +313,6 @@ def _neighbour_count(
     for mask in np.unique(sees):
         of, seen = sees == mask, (kinds & mask) != 0
         if of.any() and seen.any():
-            tree = KDTree(wrapped(sources[seen]), boxsize=box)
+            tree = scipy.spatial.KDTree(wrapped(sources[seen]), boxsize=box)
             count[of] = tree.query_ball_point(wrapped(targets[of]), grid.radius, return_length=True)
     return count

@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy  # scipy imports its subpackages on first use
+import scipy  # which imports its subpackages on first use
 
 from jaxsph.case.body_sections import BodySection, LinkSection, MotionSection, spatial
 from jaxsph.case.geometry import Geometry

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, cast
 
-import scipy  # scipy imports its subpackages on first use
+import scipy  # which imports its subpackages on first use
 
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.hydrostatics import submerged

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy  # which imports its subpackages on first use
 from numpy.typing import NDArray
-from scipy import optimize
 
 from jaxsph.core.kernels import Polynomial, power_integral
 from jaxsph.core.lattice import deformed, false_stress, lattice_points, shear_stiffness, shear_waves
@@ -75,7 +75,7 @@ def _least_squares(gram: NDArray[np.float64], cuts: NDArray[np.float64]) -> NDAr
     """Shares of the powers (-) with the least mean square of the spurious stress. They sum to one, and no
     component of `cuts @ shares` is negative."""
     n, scale = len(gram), 1.0 / np.trace(gram)
-    found = optimize.minimize(
+    found = scipy.optimize.minimize(
         lambda shares: scale * shares @ gram @ shares,
         np.full(n, 1.0 / n),
         jac=lambda shares: 2.0 * scale * gram @ shares,

@@ -7,8 +7,8 @@ from typing import Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy  # which imports its subpackages on first use
 from numpy.typing import NDArray
-from scipy import linalg, special
 
 from jaxsph.core.kernels import AbstractKernel
 
@@ -115,7 +115,7 @@ def deformed(points: NDArray[np.float64], samples: int) -> tuple[NDArray[np.floa
     pure = np.linspace(0.0, STRAIN, 26)[:, None, None] * np.diag([1.0, -1.0, 0.0][:dim])
     random = np.random.default_rng(0).normal(scale=DISTORTION, size=(samples, dim, dim))
     random -= np.trace(random, axis1=1, axis2=2)[:, None, None] / dim * np.eye(dim)
-    return tuple(points @ linalg.expm(each).swapaxes(1, 2) for each in (pure, random))
+    return tuple(points @ scipy.linalg.expm(each).swapaxes(1, 2) for each in (pure, random))
 
 
 def false_stress(
@@ -216,6 +216,6 @@ def _transform(kernel: AbstractKernel, h: float, dim: int) -> tuple[float, float
         * {2: 2 * np.pi * r, 3: 4 * np.pi * r**2}[dim]
     )
     k = np.linspace(0.0, 20.0, 2001)[:, None]
-    waves = special.j0(k * r) if dim == 2 else np.sinc(k * r / np.pi)
+    waves = scipy.special.j0(k * r) if dim == 2 else np.sinc(k * r / np.pi)
     found = waves @ shell
     return float(np.sqrt(2.0 / dim * (shell @ r**2) / shell.sum())), float(found.min() / found[0])

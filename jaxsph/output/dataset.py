@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy  # which imports its subpackages on first use
 import shapely
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import KDTree
 
 from jaxsph.analysis.fields import FAR, linear_fit, vorticity
 from jaxsph.errors import FileError
@@ -75,7 +75,7 @@ def on_grid(
     if places.shape[1] == 3:
         middle = 0.5 * (places[:, 1].min() + places[:, 1].max()) if y is None else y
         points = np.insert(points, 1, middle, axis=1)
-    particles = KDTree(places)
+    particles = scipy.spatial.KDTree(places)
     fit = linear_fit(particles, np.column_stack([u, p]), points)
     spacing = float(np.median(particles.query(places, 2)[0][:, 1]))
     wet = (fit.nearest < FAR * spacing) & ~_in_solids(snapshot, points)

@@ -6,7 +6,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-import scipy  # scipy imports its subpackages on first use
+import scipy  # which imports its subpackages on first use
 
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.parts.driven import AbstractPath

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
-from scipy.spatial import KDTree
+import scipy  # which imports its subpackages on first use
 
 from jaxsph.analysis.fields import linear_fit, vorticity
 from jaxsph.case.case import Case
@@ -49,7 +49,7 @@ def local_flow(x: np.ndarray, u: np.ndarray, rows: np.ndarray | None = None) -> 
     at, own = (x, u) if rows is None else (x[rows], u[rows])
     if len(x) < x.shape[1] + 2:
         return LocalFlow(np.zeros(len(at)), np.zeros(len(at)))
-    fit = linear_fit(KDTree(x), u, at)
+    fit = linear_fit(scipy.spatial.KDTree(x), u, at)
     return LocalFlow(vorticity(fit.gradient), np.linalg.norm(own - fit.value, axis=1))
 
 

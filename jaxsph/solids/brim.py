@@ -10,8 +10,7 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from scipy.spatial import KDTree
-from scipy.special import gamma
+import scipy  # which imports its subpackages on first use
 
 from jaxsph.core.arrays import Array, Float, Scalar, on_device
 from jaxsph.core.kernels import AbstractKernel
@@ -185,13 +184,13 @@ def _weights(
     """Yields indices of points, indices of the water around them, and their weights V W, in blocks."""
     if not len(water):
         return
-    dim, reach, tree = points.shape[1], kernel.reach, KDTree(water)
+    dim, reach, tree = points.shape[1], kernel.reach, scipy.spatial.KDTree(water)
     # largest number of pairs of one point
-    most = np.pi ** (dim / 2) / gamma(dim / 2 + 1) * (reach * h) ** dim / volume.min()
+    most = np.pi ** (dim / 2) / scipy.special.gamma(dim / 2 + 1) * (reach * h) ** dim / volume.min()
     rows = max(1, int(PAIRS / most))
     law = eqx.Partial(kernel.value, h=jnp.asarray(h), dim=dim)
     for start in range(0, len(points), rows):
-        some = KDTree(points[start : start + rows])
+        some = scipy.spatial.KDTree(points[start : start + rows])
         pairs = some.sparse_distance_matrix(tree, reach * h, output_type="ndarray")
         # a pair at the very edge of the support has no weight, however its distance is rounded
         inside = pairs["v"] < (1.0 - 1e-6) * reach * h

@@ -7,8 +7,8 @@ from typing import Any
 
 import contourpy
 import numpy as np
+import scipy  # which imports its subpackages on first use
 import shapely
-from scipy.spatial import KDTree
 
 from jaxsph.core.points import at_points
 
@@ -120,7 +120,7 @@ def _merged(x: np.ndarray, volume: np.ndarray, dx: float) -> tuple[np.ndarray, n
     large = volume >= LEAST * dx**3
     if large.all() or not large.any():
         return x, volume
-    nearest = KDTree(x[large]).query(x[~large])[1]
+    nearest = scipy.spatial.KDTree(x[large]).query(x[~large])[1]
     moment = x[large] * volume[large, None]
     total = volume[large].copy()
     np.add.at(moment, nearest, x[~large] * volume[~large, None])

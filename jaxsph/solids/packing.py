@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import KDTree
+import scipy  # which imports its subpackages on first use
 
 from jaxsph.solids.divisions import region_bits
 from jaxsph.solids.walls import Ghosts
@@ -150,6 +150,8 @@ def _mirrored(free: np.ndarray, rest: np.ndarray) -> np.ndarray:
 
 def _pairs(free: np.ndarray, every: np.ndarray, sight: Sight) -> tuple[np.ndarray, np.ndarray]:
     """Indices of each pair: a free particle, and a particle or ghost nearby that it sees."""
-    found = KDTree(free).sparse_distance_matrix(KDTree(every), REACH + SLACK, output_type="ndarray")
+    found = scipy.spatial.KDTree(free).sparse_distance_matrix(
+        scipy.spatial.KDTree(every), REACH + SLACK, output_type="ndarray"
+    )
     found = found[(sight.sees[found["i"]] & sight.kind[found["j"]]) != 0]
     return found["i"], found["j"]

@@ -9,8 +9,8 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+import scipy  # which imports its subpackages on first use
 import shapely
-from scipy.spatial import KDTree, Voronoi
 from shapely.validation import explain_validity
 
 from jaxsph.core.arrays import Array, Bool, Float
@@ -105,7 +105,7 @@ class AbstractShape(eqx.Module):
         x = _apart(np.concatenate(found), 0.6 * dx)
         behind = whole.difference(_inset(whole, layers * dx))
         at = _small_parts(behind, dx)
-        alone = at[KDTree(x).query(at)[0] > ALONE * dx] if len(x) else at
+        alone = at[scipy.spatial.KDTree(x).query(at)[0] > ALONE * dx] if len(x) else at
         x = np.concatenate([x, dx * (np.unique(np.floor(alone / dx), axis=0) + 0.5)])
         cells = _nearest(x, behind)
         volume = shapely.area(cells)
@@ -308,7 +308,7 @@ def _second_moment(ring: shapely.LinearRing, about: np.ndarray) -> float:
 def _apart(x: np.ndarray, distance: float) -> np.ndarray:
     """Removes points (m) until all are `distance` (m) or more apart; keeps the first of two close points."""
     keep = np.ones(len(x), bool)
-    close = KDTree(x).query_pairs(distance, output_type="ndarray")
+    close = scipy.spatial.KDTree(x).query_pairs(distance, output_type="ndarray")
     for earlier, later in close[np.lexsort((close[:, 0], close[:, 1]))]:
         keep[later] &= not keep[earlier]
     return x[keep]
@@ -330,7 +330,7 @@ def _nearest(x: np.ndarray, region: Any) -> np.ndarray:
     low, high = np.reshape(region.bounds, (2, 2))
     # four points far away make the cells of all others finite
     far = 0.5 * (low + high) + 10.0 * np.max(high - low) * np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
-    diagram = Voronoi(np.concatenate([x, far]))
+    diagram = scipy.spatial.Voronoi(np.concatenate([x, far]))
     corners = (diagram.vertices[diagram.regions[k]] for k in diagram.point_region[: len(x)])
     return shapely.intersection(np.array([shapely.Polygon(one) for one in corners]), region)
 

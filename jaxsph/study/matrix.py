@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import scipy  # which imports its subpackages on first use
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import RegularGridInterpolator
 
 from jaxsph.analysis import Mean
 from jaxsph.case.case import Case
@@ -145,7 +145,7 @@ def _interpolated(Hs: NDArray, Tp: NDArray, values: NDArray, places: NDArray) ->
             kept = np.take(kept, 0, axis=axis - (values.ndim - kept.ndim))
     if not axes:
         return np.full(len(places), float(kept))
-    return RegularGridInterpolator(axes, kept)(np.stack(at, axis=1))
+    return scipy.interpolate.RegularGridInterpolator(axes, kept)(np.stack(at, axis=1))
 
 
 def power_matrix(

@@ -20,8 +20,8 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # which imports its subpackages on first use
 from numpy.typing import NDArray
-from scipy.special import eval_legendre
 
 from jaxsph.waves.section import RADIATING, Edge, Section, edges
 
@@ -198,7 +198,7 @@ def _gauss(nodes: int) -> tuple[NDArray, NDArray, NDArray]:
     """Gauss points and weights on [-1, 1], and the matrix `[n, node]` from values to Legendre terms."""
     t, w = np.polynomial.legendre.leggauss(nodes)
     n = np.arange(nodes)[:, None]
-    return t, w, (n + 0.5) * w * eval_legendre(n, t)
+    return t, w, (n + 0.5) * w * scipy.special.eval_legendre(n, t)
 
 
 def _nodes(panel: Panel) -> tuple[NDArray, NDArray, NDArray]:

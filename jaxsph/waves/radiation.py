@@ -36,9 +36,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import scipy
+import scipy  # which imports its subpackages on first use
 from numpy.typing import NDArray
-from scipy.special import gamma, ive, jv, zeta
 
 from jaxsph.waves import theory
 
@@ -273,20 +272,22 @@ def evanescent(Kh: float, count: int) -> NDArray[np.floating]:
 
 def _transform(kappa: NDArray[np.floating], order: float, functions: int) -> Matrix:
     """Cosine transforms of the edge functions, J_{2m+L}(kappa) / kappa^L, [kappa, m]."""
-    return jv(2.0 * np.arange(functions) + order, kappa[:, None]) / kappa[:, None] ** order
+    return scipy.special.jv(2.0 * np.arange(functions) + order, kappa[:, None]) / kappa[:, None] ** order
 
 
 def _mean(order: float, functions: int) -> NDArray[np.floating]:
     """Cosine transforms of the edge functions at kappa = 0: only the first function carries flow."""
     e = np.zeros(functions)
-    e[0] = 0.5**order / gamma(1.0 + order)
+    e[0] = 0.5**order / scipy.special.gamma(1.0 + order)
     return e
 
 
 def _wave(ratio: float, kh: float, norm: float, order: float, functions: int) -> NDArray[np.floating]:
     """Integrals int v_m psi_0 dz, by transforms at kappa = ikc, where J becomes I; the gap is c = ratio h."""
     m, kc = np.arange(functions), ratio * kh
-    return (-1.0) ** m * ive(2.0 * m + order, kc) * np.exp(kc - kh) / (kc**order * np.sqrt(norm))
+    return (
+        (-1.0) ** m * scipy.special.ive(2.0 * m + order, kc) * np.exp(kc - kh) / (kc**order * np.sqrt(norm))
+    )
 
 
 def _modes(ratio: float, Kh: float, length: float, order: float, functions: int) -> tuple[Matrix, Matrix]:
@@ -325,7 +326,7 @@ def _static(ratio: float, order: float, functions: int) -> tuple[Matrix, Matrix]
     power = 2.0 + 2.0 * order
     turn = np.exp(2j * step)
     # Summation by parts leaves a remainder of order 1 / |1 - turn|, which is too large for turn near 1.
-    steady = float(zeta(power, count + 1))
+    steady = float(scipy.special.zeta(power, count + 1))
     if abs(1.0 - turn) * count > 1.0:
         swinging = (count + 1.0) ** -power * turn ** (count + 1) / (1.0 - turn)
     else:
