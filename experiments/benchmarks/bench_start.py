@@ -26,10 +26,12 @@ def main(cases: str = ",".join(CASES)) -> None:
     """Times starts of the built-in OWC, and predicts and measures times of `cases`, in separate processes."""
     with Report("bench_start", "Start of a run, and its predicted wall time") as report:
         with tempfile.TemporaryDirectory() as folder:
-            for when, bar in (("first", None), ("later", 4.0)):
-                took = _timed(["run", "owc", "--t1", "0.02", "--overwrite"], Path(folder))
+            for when, times, bar in (("first", 1, None), ("later", 5, 4.0)):
+                start = ["run", "owc", "--t1", "0.02", "--overwrite"]
+                took = min(_timed(start, Path(folder)) for _ in range(times))
                 report.row(
-                    f"built-in OWC, {when} start: time to the second sample",
+                    f"built-in OWC, {when} start: time to the second sample"
+                    + (f", least of {times}" if times > 1 else ""),
                     took,
                     "s",
                     bar="" if bar is None else f"{bar:g} s",
