@@ -355,11 +355,11 @@ PROSE = (
     ),
     # theory and guides
     Sentence(
-        "{:.0f} % lost to hyperviscosity at dx = 0.02 m, {:.1f} % lost in the projection; "
+        "{:.0f} % lost to hyperviscosity and {:.1f} % gained in the projection at dx = 0.02 m; "
         "{:.3f} % not accounted for",
         lambda r: (
             of_owc("hyperviscosity")(r),
-            of_owc("projection")(r),
+            -of_owc("projection")(r),
             abs(share("owc_0.02", "not accounted for")(r)),
         ),
         (ISPH,),

@@ -221,7 +221,7 @@ def test_what_is_no_program_is_named(own, tmp_path):
         js.Program.load(own, {"amplitud": 1.0})
     with pytest.raises(CaseError, match="int cannot be run"):
         js.run(3)
-    assert "only a case has a coarse form" in _command("run", own, "--quick", code=2).replace("\n", " ")
+    assert "only a case can be made coarse" in _command("run", own, "--quick", code=2).replace("\n", " ")
 
 
 def test_a_program_that_has_changed_since_is_refused(own, whole, tmp_path):

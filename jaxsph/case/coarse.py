@@ -25,7 +25,9 @@ def coarsen(case: Case) -> Case:
     **Raises** CaseError if the case does not pass its checks with any of the `FACTORS`.
     """
     if not isinstance(case, Case):
-        raise CaseError(f"{case!r}: only a case has a coarse form; change the program's arguments instead")
+        raise CaseError(
+            f"{case!r}: only a case can be made coarse; for a program, change its arguments instead"
+        )
     refusal = ""
     for factor in FACTORS:
         try:

@@ -81,8 +81,8 @@ def linear_sea(case: Sections) -> LinearSea:
         if case.waves is not None and case.waves.kind == "regular":
             raise CaseError('waves.kind = "regular": use linear_owc; linear_sea covers other kinds of waves')
         raise CaseError(
-            f"{_missing(case, seas=True)}: linear theory of a sea needs a device with a linear or quadratic "
-            "turbine, over a flat bed"
+            f"{_missing(case, seas=True)}: linear theory of an OWC in a sea needs a device with a linear or "
+            "quadratic turbine, over a flat bed"
         )
     tank = Geometry.of(case)
     a, omega = case.waves.sum_of_waves(tank.depth, case.g)

@@ -65,7 +65,9 @@ def profile(
             solved = f", {share.iterations:.3g} iterations" if share.iterations else ""
             rows.append((f"  {name}", f"{share.seconds / found.step:6.1%}{solved}"))
         rows.append(("recording", f"{found.recording / found.step:6.1%} of the time step, in addition to it"))
-        compiled = f"{found.lowering:.3g} s to write the program, {found.compilation:.3g} s to compile it"
+        compiled = (
+            f"{found.lowering:.3g} s to convert the steps for XLA, {found.compilation:.3g} s to compile them"
+        )
         rows.append(("start", f"{compiled} without the cache"))
         slower = f"steps took {found.slowdown:.2f} times as long while they were profiled"
         rows.append(("accuracy", f"{slower}; the parts are corrected for this"))

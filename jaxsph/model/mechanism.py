@@ -305,7 +305,7 @@ class Mechanism(NamedTuple):
         return z, jnp.concatenate([*(motion.rates for motion in motions), jnp.ones_like(times)])
 
     def _regular(self, z: Array, rates: Array) -> tuple[Array, Array]:
-        """Coordinates and rates of all joints, changed where they are near a singularity."""
+        """Coordinates and rates of all joints, replaced by equivalent ones near a singularity."""
         q, q_rates = self.split(z), self.split(rates)
         both = [body.joint.regular(q[body.name][0], q_rates[body.name][0]) for body in self.bodies]
         times = len(z) - len(self.bodies)

@@ -46,7 +46,7 @@ class AbstractSpace(abc.ABC):
 
     @abc.abstractmethod
     def coordinates(self, pose: Float[Array, "*A P"]) -> Float[Array, "*A V"]:
-        """Displacement and rotation (m, rad) of a pose; rotations in space are at most pi."""
+        """Displacement and rotation (m, rad) of a pose; in 3-D the rotation vector is at most pi long."""
 
     @abc.abstractmethod
     def rotated(self, pose: Float[Array, "*A P"], r: Float[Array, "*A D"]) -> Float[Array, "*A D"]:

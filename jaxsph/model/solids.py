@@ -185,8 +185,8 @@ class AbstractJoint(eqx.Module):
     def regular(
         self, q: Float[Array, " k"], rates: Float[Array, " k"]
     ) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
-        """Coordinates (m, rad) and rates (m/s, rad/s) of the same pose and velocity, changed if q is near a
-        singularity."""
+        """Coordinates (m, rad) and rates (m/s, rad/s) that describe the same pose and velocity as `q` and
+        `rates`; they differ from `q` and `rates` only if q is near a singularity."""
         return q, rates
 
     @abc.abstractmethod

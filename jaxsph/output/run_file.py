@@ -247,7 +247,7 @@ class RunFile(RunReader):
             )
         names = set(view.variables())
         if names != set(series):
-            return f"the file has series {sorted(names)}, not {sorted(series)}"
+            return f"the file has the series {sorted(names)}, but the new samples have {sorted(series)}"
         rows = {name: data.shape[1:] for name, data in over_time(view.file)}
         for name, values in series.items():
             if name in rows and rows[name] != values.shape[1:]:

@@ -82,7 +82,9 @@ class AlongJoint(AbstractEnds):
         known = body.joint.coordinates
         if not 0 <= coordinate < len(known):
             there = ", ".join(f"{index} ({name})" for index, (name, _) in enumerate(known))
-            asked = f"must be one of {there}" if there else "the joint has none; choose another body"
+            asked = (
+                f"must be one of {there}" if there else "the joint has no coordinates; choose another body"
+            )
             raise ValueError(f"coordinate = {coordinate} of the joint of {body.name}: {asked}")
         return cls(body.name, coordinate, known[coordinate][1])
 

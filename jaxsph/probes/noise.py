@@ -39,8 +39,8 @@ class NoiseProbe(AbstractProbe):
     Water that has left the tank over a rim is not included. A particle with too few neighbours, or with all
     neighbours on a line (in three dimensions on a plane), has no fit and is left out of the noise. A
     particle has no fit if the determinant of its neighbours' covariance, in units of dx^2, is at most
-    `pairs.LEAST_DETERMINANT`. The determinant is about 1 in the water, and in a corner 0.2 in two dimensions
-    and 0.08 in three.
+    `pairs.LEAST_DETERMINANT`. The determinant is about 1 well inside the water; in a corner of the water it
+    is 0.2 in two dimensions and 0.08 in three.
     """
 
     def measure(self, model, state, tables):

@@ -32,7 +32,7 @@ class HeightGrid:
     """Grid of cells in the x-y plane of a tank, for the heights of the free surface."""
 
     low: np.ndarray
-    """Lowest corner (x, y) of the cells, m."""
+    """Corner (x, y) of the grid with the smallest coordinates, m."""
     sides: np.ndarray
     """Sides of a cell along x and y, m."""
     counts: tuple[int, int]

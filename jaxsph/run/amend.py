@@ -137,8 +137,8 @@ def _check_readings(before: Problem, now: Problem) -> None:
     old, new = set(before.units), set(now.units)
     if old != new:
         raise CaseError(
-            f"the changed case records other series than the run ({', '.join(sorted(old ^ new))}): start a "
-            "new run with --set"
+            f"the changed case does not record the same series as the run ({', '.join(sorted(old ^ new))}): "
+            "start a new run with --set"
         )
 
 
@@ -191,10 +191,10 @@ def _refuse_unknown(case: Case, key: str, value: Any) -> None:
 
 
 def _carry_over(state: State, initial: State) -> State:
-    """Returns the state of the run. **Raises** CaseError if the amended case needs other state arrays."""
+    """Returns the state of the run. **Raises** CaseError if the amended case needs different state arrays."""
     old, new = (jax.tree.map(jnp.shape, one) for one in (state, initial))
     if jax.tree.structure(state) != jax.tree.structure(initial) or old != new:
-        raise CaseError("the changed case needs other state arrays than the run: start a new run with --set")
+        raise CaseError("the changed case needs different state arrays: start a new run with --set")
     return state
 
 

@@ -57,9 +57,9 @@ def advance_chunk(
     """Advances a run by one chunk, and replays the chunk if neighbour tables were too small or stale.
 
     **Arguments**: `advance(model)` returns the new state and other results; `say` reports a replay; `name`,
-    `remedies`: name of the problem and its remedies, for the error. **Returns** the model with the tables
-    that the chunk needed, and the results of `advance`. **Raises** SimulationError for a failure that other
-    settings of the tables do not remedy.
+    `remedies`: name of the problem and its remedies, for the error. **Returns** the model with the
+    settings of the tables that the chunk needed, and the results of `advance`. **Raises** SimulationError for
+    a failure that other settings do not remedy.
     """
     model, new, found = replay_chunk(model, advance, say)
     if int(new.status.bits):

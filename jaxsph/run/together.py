@@ -86,7 +86,7 @@ def run_together(
 def _advance(
     lanes: Sequence[_Lane], active: Sequence[_Lane], like: Model, n_steps: int, say: Callable[[str], None]
 ) -> Model:
-    """Advances the active lanes by a chunk; returns the model with the tables that the chunk needed."""
+    """Advances the active lanes by a chunk, and returns the model with the table settings that it needed."""
     # a copy of an active lane replaces every lane that waits or failed, so that array shapes stay the same
     going = [lane if lane in active else active[0] for lane in lanes]
     advance = functools.partial(_simulate_lanes, going, n_steps)

@@ -91,7 +91,7 @@ class Poisson(NamedTuple):
     crowding: Float[Array, " N"]
     """Source that spreads crowded particles, scaled to a pressure, Pa."""
     held: Scalar
-    """Number of particles whose crowding is limited."""
+    """Number of particles whose crowding is outside the permitted range and is clipped."""
 
     def shown(self, q: Float[Array, " N"]) -> Sources:
         """Pressures of the water (Pa) as the field "f" of sources, fetched for all devices."""
@@ -210,7 +210,7 @@ def undoing(
     frequency: Scalar,
     dt: Scalar,
 ) -> tuple[Float[Array, " N"], Scalar]:
-    """Rate of expansion that removes crowding, 1/s, and the number of particles whose crowding is limited.
+    """Rate of expansion that removes crowding, 1/s, and the number of particles whose crowding is clipped.
 
     Crowding is the relative excess of the particles' density. Crowding is negative where particles are too
     sparse, and is limited to the range that ordinary disorder causes. Particles with `filled` below 0.8 are

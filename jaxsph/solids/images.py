@@ -167,7 +167,7 @@ class Images(eqx.Module):
         return jnp.concatenate(rows), full
 
     def empty_rows(self, box: Box, radius: float) -> GhostSet:
-        """Ghosts, on a lattice behind the walls, that fill all rows before any particle is assigned.
+        """Ghosts on a lattice behind the walls, which fill all rows until particles are assigned to the rows.
 
         `radius`: radius of the kernel's support, m.
         """
@@ -221,7 +221,7 @@ def _count(one: ImageSet, box: Box, dx: float, radius: float) -> int:
 
 
 def _rows(one: ImageSet, box: Box, dx: float, radius: float) -> GhostSet:
-    """Ghosts, on a lattice behind the walls, that fill a set's rows before any particle is assigned."""
+    """Ghosts on a lattice behind the walls, which fill a set's rows until particles are assigned to them."""
     axes, planes = [], {plane.axis: plane for plane in one.planes}
     for axis in range(len(box.low)):
         if axis in planes:

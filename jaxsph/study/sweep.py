@@ -266,7 +266,7 @@ def check_different(sources: Sequence[Source], names: Sequence[str]) -> None:
             if (one := other.value(name)) != (value := member.value(name)):
                 raise CaseError(
                     f"{name} = {one:g} and {value:g}: the lattice rounds both to {member.built(name):g} m, "
-                    "so that their runs would be equal; give values at least a spacing apart, or reduce dx"
+                    "so the two runs would be identical; give values at least a spacing apart, or reduce dx"
                 )
 
 

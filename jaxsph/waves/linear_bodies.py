@@ -144,7 +144,8 @@ def linear_motion(water: Hydrodynamics, bodies: SmallMotion, H: float) -> Linear
     if bodies.jacobian.shape[0] != hulls or len(bodies.chambers) != chambers:
         raise ValueError(
             f"jacobian has {bodies.jacobian.shape[0]} rows and chambers has {len(bodies.chambers)} entries: "
-            f"give {hulls} rows and {chambers} entries, the numbers of the section's motions and chambers"
+            f"give {hulls} rows, one for each motion of the section, and {chambers} entries, one for each "
+            "chamber"
         )
     ways = np.reshape([one.way for one in bodies.dampings], (len(bodies.dampings), len(bodies.mass)))
     sizes = np.full(len(ways) + chambers, 0.1 * H * water.omega)

@@ -101,7 +101,7 @@ class Hydrodynamics:
 
     @property
     def impedance(self) -> Complex:
-        """Radiation impedance B - i omega A `[m, m]`: force against the motion per unit velocity."""
+        """Radiation impedance B - i omega A `[m, m]`: force opposing the motion, per unit velocity."""
         return self.damping - 1j * self.omega * self.added_mass
 
 

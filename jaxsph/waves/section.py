@@ -24,8 +24,8 @@ CLOSE = 1e-7
 """Distance, relative to the depth, below which two points of a section count as the same point."""
 REACH = 0.5
 """Distance from the outermost hull or chamber to a radiating end, relative to the depth. Over this distance
-the slowest evanescent mode decays by a factor of 0.21 in shallow water and 0.46 in deep water; the end is
-matched to `panels.MODES` modes."""
+the slowest evanescent mode decays by a factor of 0.21 in shallow water and 0.46 in deep water; at the
+end the potential is matched to the outgoing wave and `panels.MODES` evanescent modes."""
 
 
 @dataclass(frozen=True)

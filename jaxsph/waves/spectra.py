@@ -72,8 +72,8 @@ class Bretschneider(AbstractSpectrum):
 def pierson_moskowitz_height(Tp: float, g: float = 9.81) -> float:
     """Significant wave height (m) of a fully developed sea of peak period Tp (s).
 
-    Pierson and Moskowitz (1964): Hs = 4 sqrt(alpha / 5) g (Tp / 2 pi)^2 with alpha = 0.0081. The spectrum is
-    Bretschneider's with this height.
+    Pierson and Moskowitz (1964): Hs = 4 sqrt(alpha / 5) g (Tp / 2 pi)^2 with alpha = 0.0081. The
+    spectrum of this sea is a Bretschneider spectrum with this height and Tp.
     """
     return float(4.0 * np.sqrt(0.0081 / 5.0) * g * (Tp / (2.0 * np.pi)) ** 2)
 

@@ -161,7 +161,8 @@ def _with_halo(slabs: Slabs, x: Components, kind: Int[Array, " n"]) -> Seen:
 
 
 def _halo(slabs: Slabs, grid: Grid, x: Float[Array, "n D"], n: int) -> Int[Array, ""]:
-    """Number of a slab's particles, at x (m), within reach of an adjacent slab: the larger of both sides.
+    """Number of a slab's particles, at x (m), within reach of an adjacent slab; the larger of the numbers
+    on the two sides.
 
     `NARROW` if all particles of this slab are within reach of the adjacent slab: the reach of that slab may
     then extend past this one.
