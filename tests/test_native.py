@@ -314,7 +314,7 @@ def test_the_exponential_function_is_accurate(dtype):
     [(2, (), 60), (2, ((0, 1.0),), 3), (2, ((1, 1.0),), 60), (3, ((2, 1.0),), 60)],
 )
 def test_searches_list_the_same_neighbours_in_the_same_order(dim, period, capacity):
-    rng, n = np.random.default_rng(3), 400
+    rng, n = np.random.default_rng(3), 407  # no multiple of the targets that are searched for together
     sources = jnp.asarray(rng.uniform(0.0, 1.0, (n + 60, dim)), jnp.float32)
     sees, kind = (jnp.asarray(rng.integers(0, 4, size), jnp.int32) for size in (n, n + 60))
     grid = grid_over(np.zeros(dim), np.ones(dim), 0.19, period)
@@ -326,6 +326,16 @@ def test_searches_list_the_same_neighbours_in_the_same_order(dim, period, capaci
     assert int(jaxs.most) > 3  # with a capacity of three, most neighbours have no place
     for one, other in zip(jaxs, natives, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_searches_in_float64_list_the_same_neighbours():
+    rng = np.random.default_rng(5)
+    with enable_x64():
+        x = jnp.asarray(rng.uniform(0.0, 1.0, (333, 3)), jnp.float64)
+        ones, grid = jnp.ones(333, jnp.int32), grid_over(np.zeros(3), np.ones(3), 0.19)
+        jaxs, natives = _both(lambda x: search(x, x, grid, 60, ones, ones, same=True), x)
+    np.testing.assert_array_equal(jaxs.indices, natives.indices)
+    assert int(jaxs.most) == int(natives.most) > 8
 
 
 def test_positions_that_are_not_numbers_do_no_harm():

@@ -130,6 +130,8 @@ def native_neighbours(
     whole = jax.tree.map(_int32, among._replace(x=(), sources=(), radius2=()))
     firsts, ends = zip(*whole.spans, strict=True)
     of_targets, of_sources = (*among.x, whole.sees, whole.own), (*among.sources, whole.kinds, whole.indices)
+    # the last vector of a range may extend beyond the last candidate
+    of_sources = tuple(jnp.pad(a, (0, loop.lanes)) for a in of_sources)
     found = called(among.radius2, *of_targets, *of_sources, *firsts, *ends)
     return found[0], found[1]
 

@@ -10,9 +10,13 @@ from llvmlite import ir
 
 from jaxsph.core.native.calls import begin_call
 from jaxsph.core.native.translation import FUSED
-from jaxsph.core.native.vectors import INDEX, Builder, Value, Vectors, scalar
+from jaxsph.core.native.vectors import INDEX, Value, Vectors, vector_bytes
 
 INT = ir.IntType(32)
+
+
+BLOCK = 16
+"""Number of targets whose neighbours are listed before they are written to the table; 64 bytes of a row."""
 
 
 class CandidateLoop(NamedTuple):
@@ -25,18 +29,24 @@ class CandidateLoop(NamedTuple):
     period: tuple[tuple[int, float], ...]
     """Periodic axes and their lengths, m."""
 
+    @property
+    def lanes(self) -> int:
+        """Number of candidates that are examined at a time."""
+        return vector_bytes() // self.dtype.itemsize
+
     def module(self, name: str) -> ir.Module:
         """Code of the loop as a function that XLA calls.
 
         **Arguments**: the square of the radius (m2); the coordinates of the targets, an array `[N]` per axis
         (m); their bit masks `sees` and the source that each must not find, `[N]`; the coordinates of the
         candidates, `[M]`; their bit masks `kind` and indices, `[M]`; the first candidates of the targets'
-        ranges, then the ends of these ranges, an array `[N]` per range. **Results**: the neighbours
-        `[K, N]`, and their number `[N]`, which may exceed K.
+        ranges, then the ends of these ranges, an array `[N]` per range. Arrays of candidates are followed by
+        `lanes` unused elements. **Results**: the neighbours `[K, N]`, and their number `[N]`, which may
+        exceed K.
         """
         module, call = begin_call(name)
-        b, v = call.builder, Vectors(call.builder, 1)
-        radius2, rows, found = call.scalar(0, self.dtype), call.result(0), call.result(1)
+        b, one, v = call.builder, Vectors(call.builder, 1), Vectors(call.builder, self.lanes)
+        radius2, rows, found = v.spread(call.scalar(0, self.dtype)), call.result(0), call.result(1)
         (capacity, count), arguments = call.sizes(0, 2, of="results"), itertools.count(1)
 
         def arrays(number: int) -> list[Value]:
@@ -46,44 +56,60 @@ class CandidateLoop(NamedTuple):
         targets, (sees, own), sources, (kinds, indices), firsts, ends = (
             arrays(number) for number in (self.dim, 2, self.dim, 2, self.spans, self.spans)
         )
-        most, neighbours = b.trunc(capacity, INT), b.alloca(INT, b.add(capacity, INDEX(1)))
-        with v.loop(INDEX(0), count, 1) as (i, _, _):
-            mask, me = v.element(sees, np.int32, i), v.element(own, np.int32, i)
-            x = [v.element(a, self.dtype, i) for a in targets]
-            number = INT(0)
-            for first, end in zip(firsts, ends, strict=True):
-                span = v.element(first, np.int32, i), v.element(end, np.int32, i)
-                with v.loop(*span, 1, number) as (k, (number,), new):
-                    at = b.zext(k, INDEX)
-                    there = [v.element(a, self.dtype, at) for a in sources]
-                    index = v.element(indices, np.int32, at)
-                    seen = b.and_(mask, v.element(kinds, np.int32, at))
-                    near = b.and_(
-                        b.fcmp_ordered("<", self._distance2(b, x, there), radius2),
-                        b.and_(b.icmp_signed("!=", seen, INT(0)), b.icmp_signed("!=", index, me)),
-                    )
-                    # every candidate is written; the next one overwrites it unless it is near
-                    slot = b.select(b.icmp_signed("<", number, most), number, most)
-                    b.store(index, v.place(neighbours, np.int32, b.zext(slot, INDEX)))
-                    new.append(b.add(number, b.zext(near, INT)))
-            b.store(number, v.place(found, np.int32, i))
-            kept = b.select(b.icmp_signed("<", number, most), number, most)
-            with v.loop(INT(0), kept, 1) as (k, _, _):
-                slot = b.zext(k, INDEX)
-                at = b.add(b.mul(slot, count), i)
-                b.store(v.element(neighbours, np.int32, slot), v.place(rows, np.int32, at))
+        most, lists = b.trunc(capacity, INT), b.add(b.udiv(capacity, INDEX(self.lanes)), INDEX(2))
+        listed, pitch = (
+            b.alloca(v.type(np.int32), b.mul(lists, INDEX(BLOCK))),
+            b.mul(lists, INDEX(self.lanes)),
+        )
+        none, lane = v.constant(0, np.int32), ir.Constant(v.type(np.int32), list(range(self.lanes)))
+
+        def smaller(a: Value, c: Value) -> Value:
+            return b.select(b.icmp_signed("<", a, c), a, c)
+
+        with one.loop(INDEX(0), count, BLOCK) as (begin, _, _):
+            size = smaller(INDEX(BLOCK), b.sub(count, begin))
+            with one.loop(INDEX(0), size, 1, INT(0)) as (target, (longest,), longer):
+                i, here = b.add(begin, target), one.place(listed, np.int32, b.mul(target, pitch))
+                mask, me = (v.spread(one.element(a, np.int32, i)) for a in (sees, own))
+                x = [v.spread(one.element(a, self.dtype, i)) for a in targets]
+                number = INT(0)
+                for first, end in zip(firsts, ends, strict=True):
+                    span = one.element(first, np.int32, i), one.element(end, np.int32, i)
+                    with one.loop(*span, self.lanes, number) as (k, (number,), new):
+                        at = b.zext(k, INDEX)
+                        there = [v.load(a, self.dtype, at) for a in sources]
+                        index = v.load(indices, np.int32, at)
+                        near = b.fcmp_ordered("<", self._distance2(v, x, there), radius2)
+                        near = b.and_(near, b.icmp_signed("<", lane, v.spread(b.sub(span[1], k))))
+                        seen = b.and_(mask, v.load(kinds, np.int32, at))
+                        near = b.and_(near, b.icmp_signed("!=", seen, none))
+                        near = b.and_(near, b.icmp_signed("!=", index, me))
+                        # the neighbours come first; the next vector overwrites the lanes behind them
+                        packed = v.intrinsic("experimental.vector.compress", index, near, none)
+                        v.store(packed, here, np.int32, b.zext(smaller(number, most), INDEX))
+                        new.append(b.add(number, v.count(near)))
+                b.store(number, one.place(found, np.int32, i))
+                kept = smaller(number, most)
+                longer.append(b.select(b.icmp_signed("<", longest, kept), kept, longest))
+            # Rows of the table may be a multiple of 4096 bytes apart, and would then replace each other in
+            # the cache if each target wrote to all rows in turn.
+            with one.loop(INDEX(0), b.zext(longest, INDEX), 1) as (slot, _, _):
+                row = b.add(b.mul(slot, count), begin)
+                with one.loop(INDEX(0), size, 1) as (target, _, _):
+                    index = one.element(listed, np.int32, b.add(b.mul(target, pitch), slot))
+                    b.store(index, one.place(rows, np.int32, b.add(row, target)))
         call.finish()
         return module
 
-    def _distance2(self, b: Builder, x: list[Value], y: list[Value]) -> Value:
-        """Square of the distance between two positions (m2), to the nearest image along periodic axes."""
-        kind, lengths = scalar(self.dtype), dict(self.period)
-        total = kind(0.0)
+    def _distance2(self, v: Vectors, x: list[Value], y: list[Value]) -> Value:
+        """Squares of the distances between positions (m2), to the nearest image along periodic axes."""
+        b, lengths = v.builder, dict(self.period)
+        total = v.constant(0.0, self.dtype)
         for axis, (a, c) in enumerate(zip(x, y, strict=True)):
             r = b.fsub(a, c)
             if axis in lengths:
-                length, none = kind(lengths[axis]), kind(0.0)
-                half = kind(0.5 * lengths[axis])
+                length, none = v.like(r, lengths[axis]), v.like(r, 0.0)
+                half = v.like(r, 0.5 * lengths[axis])
                 above = b.select(b.fcmp_ordered(">", r, half), length, none)
                 below = b.select(b.fcmp_ordered("<", r, b.fneg(half)), length, none)
                 r = b.fadd(b.fsub(r, above), below)

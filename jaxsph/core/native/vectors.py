@@ -92,6 +92,14 @@ class Vectors:
         function = module.globals.get(full) or ir.Function(module, signature, full)
         return self.builder.call(function, values)
 
+    def count(self, mask: Value) -> Value:
+        """Number of lanes in which a mask is true, as a 32-bit integer."""
+        bits, module = ir.IntType(self.lanes), self.builder.module
+        name = f"llvm.ctpop.i{self.lanes}"
+        function = module.globals.get(name) or ir.Function(module, ir.FunctionType(bits, [bits]), name)
+        number = self.builder.call(function, [self.builder.bitcast(mask, bits)])
+        return self.builder.zext(number, ir.IntType(32))
+
     def load(self, array: Value, dtype: Any, at: Value) -> Value:
         """Consecutive elements of an array from the index `at` on."""
         place = self.place(array, dtype, at)
