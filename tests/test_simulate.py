@@ -717,7 +717,9 @@ def test_failures_have_their_remedies(hydrostatic):
     failed = eqx.tree_at(lambda s: s.status, state, inside)
     words = str(chunks.failure_error(model, failed, "it", remedies(case)))
     assert "inside a wall within the first 20 steps" in words
-    assert "What to change: correct the set-up, the likely cause: near this point water, walls" in words
+    assert (
+        "What to change: correct the set-up, which is the likely cause; near this point water, walls" in words
+    )
     later = eqx.tree_at(lambda s: s.step, inside, jnp.asarray(21, inside.step.dtype))
     failed = eqx.tree_at(lambda s: s.status, state, later)
     words = str(chunks.failure_error(model, failed, "it", remedies(case)))

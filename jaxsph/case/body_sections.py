@@ -155,8 +155,8 @@ class LinkSection(Section):
         others = (self.quadratic, self.friction, self.stop_stiffness, self.latch_damping)
         if self.slack and (not between or not self.stiffness or any(others)):
             raise ValueError(
-                "slack needs between, at and stiffness; of the other forces give at most pretension and "
-                "damping"
+                "slack needs between, at and stiffness; the only other forces allowed are pretension "
+                "and damping"
             )
         if not any((self.stiffness, self.pretension, *self.losses, self.stop_stiffness)):
             raise ValueError("the link has no force; give stiffness, damping, friction or another key")

@@ -53,7 +53,7 @@ def _settled(case: Sections) -> list[str]:
         ways.append(f"output.periods = {FEW} instead of {asked}")
     text += " and ".join(ways)
     if final is not None:
-        text += f" ({final:.4g} s if the device reflects more than a fifth of the wave height)"
+        text += f" (t1 = {final:.4g} s or more if the device reflects more than a fifth of the wave height)"
     return [text]
 
 

@@ -77,7 +77,7 @@ class Section(BaseModel):
 def meanings(section: type[Section]) -> dict[str, str]:
     """Meanings of a section's keys: the docstring below each field, on one line.
 
-    They are read when they are needed, because pydantic would read them at the start of every run.
+    The docstrings are read here, on demand; pydantic would read them at the start of every run.
     """
     found: dict[str, str] = {}
     for part in reversed(section.__mro__):

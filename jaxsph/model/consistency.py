@@ -46,8 +46,12 @@ def check_parts(model: Model) -> None:
     ends = {end for duct in model.ducts for end in duct.between} - {one.name for one in model.chambers}
     if ends:
         raise ValueError(
-            f"ducts end at {', '.join(sorted(ends))}, but must end at chambers of the model: give names of "
-            f"chambers ({', '.join(one.name for one in model.chambers) or 'the model has none'})"
+            f"ducts end at {', '.join(sorted(ends))}, but must end at chambers of the model: "
+            + (
+                f"choose from {', '.join(one.name for one in model.chambers)}"
+                if model.chambers
+                else "the model has none; add chambers, or remove the ducts"
+            )
         )
     at_last = jnp.asarray(jnp.inf)
     afloat = [body.name for body in model.bodies if model.forces and np.any(body.joint.movable(at_last))]

@@ -143,7 +143,7 @@ class Mechanism(NamedTuple):
 
     @property
     def coasts(self) -> bool:
-        """Whether all coordinates keep their rates without forces on the bodies."""
+        """Whether the rates of all coordinates stay constant if no forces act on the bodies."""
         return all(body.joint.coasts for body in self.bodies)
 
     def placed(self, parts: Mapping[str, Any], t: Scalar) -> dict[str, Any]:

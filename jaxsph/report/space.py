@@ -55,8 +55,8 @@ class Space:
     ) -> Space | None:
         """View of a run; None without the libraries of the extra `geometry`, or if solids cannot be drawn.
 
-        **Arguments**: `case`: None for a run without a case; its solids are not drawn; `first`: positions of
-        the particles (m) in the first snapshot; `frames`: number of frames to be shown.
+        **Arguments**: `case`: None for a run without a case, whose solids are then not drawn; `first`:
+        positions of the particles (m) in the first snapshot; `frames`: number of frames to be shown.
         """
         if three() is None:
             return None

@@ -156,8 +156,8 @@ def _cause(model: Model, state: State) -> tuple[str, Trouble | str]:
     if failed & Failure.THROUGH_WALL:
         if int(status.step) <= EARLY:
             return f"a particle was inside a wall within the first {EARLY} steps", (
-                "correct the set-up, the likely cause: near this point water, walls and bodies must not "
-                "overlap, and must not leave a gap narrower than the spacing"
+                "correct the set-up, which is the likely cause; near this point water, walls and bodies must "
+                "neither overlap nor leave a gap narrower than the spacing"
             )
         return "a particle has gone through a wall", Trouble.THROUGH_WALL
     if failed & Failure.TOO_FAST:

@@ -249,7 +249,7 @@ def _with_bodies(
     air: dict[str, Float[Array, " V"]],
     moving: Mapping[str, Any],
 ) -> tuple[GhostFields, BodyWork]:
-    """Ghosts for the water of the state `at`, and the bodies after the water's pressure acted on them.
+    """Ghosts for the water of the state `at`, and the bodies after the water's pressure has acted on them.
 
     **Arguments**: `air`: forces of the air on the bodies by name, N, N m (per metre in 2-D); `moving`:
     states of the parts by name, with the motions of the bodies before the forces act.
