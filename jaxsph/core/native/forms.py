@@ -90,7 +90,7 @@ def native_order(cells: Array, count: int) -> tuple[Array, Array] | None:
 
 
 class Candidates(NamedTuple):
-    """Targets of a search and, for each of them, ranges of candidates among the sources."""
+    """Targets of a search, their cells, and the sources by cell."""
 
     x: Sequence[Array]
     """Coordinates of the targets, an array `[N]` per axis, m."""
@@ -98,25 +98,35 @@ class Candidates(NamedTuple):
     """Bit masks of the kinds of sources that each target sees, `[N]`."""
     own: Array
     """Index of the source that each target must not find, `[N]`; -1 for none."""
+    lane: Array
+    """Number of the first cell of each target's lane, `[N]`; the cells are numbered from lane to lane."""
+    home: Sequence[Array]
+    """Index of each target's cell along every axis, an array `[N]` per axis."""
     sources: Sequence[Array]
-    """Coordinates of the candidates, an array `[M]` per axis, m."""
+    """Coordinates of the sources by cell, an array `[M]` per axis, m."""
     kinds: Array
-    """Bit masks of the candidates' kinds, `[M]`."""
+    """Bit masks of the sources' kinds, `[M]`."""
     indices: Array
-    """Indices of the candidates, `[M]`."""
-    spans: Sequence[tuple[Array, Array]]
-    """First candidate and end of the candidates in each range, `[N]` each."""
+    """Indices of the sources, `[M]`."""
+    start: Array
+    """Position of the first source of each cell, and M at the end, `[C + 1]`."""
     radius2: Array
     """Square of the search radius, m2."""
 
 
 def native_neighbours(
-    among: Candidates, period: tuple[tuple[int, float], ...], capacity: int
+    among: Candidates,
+    shape: tuple[int, ...],
+    width: int,
+    period: tuple[tuple[int, float], ...],
+    capacity: int,
 ) -> tuple[Array, Array] | None:
     """Indices `[capacity, N]` of the targets' neighbours, and their number `[N]`.
 
-    The number may exceed `capacity`. Entries beyond the number of neighbours may have any value. `period`:
-    periodic axes and their lengths (m). **Returns** None if there is no native form.
+    The number may exceed `capacity`. Entries beyond the number of neighbours may have any value.
+    **Arguments**: `shape`: number of cells along every axis; `width`: number of cells on either side of a
+    target's cell that may contain its neighbours; `period`: periodic axes and their lengths (m). **Returns**
+    None if there is no native form.
     """
     if not available() or not among.x[0].size:
         return None
@@ -124,15 +134,15 @@ def native_neighbours(
     from jaxsph.core.native.searches import CandidateLoop
 
     count = len(among.x[0])
-    loop = CandidateLoop(len(among.x), np.dtype(among.x[0].dtype), len(among.spans), period)
-    results = [jax.ShapeDtypeStruct(shape, jnp.int32) for shape in ((capacity, count), (count,))]
+    loop = CandidateLoop(np.dtype(among.x[0].dtype), shape, width, period)
+    results = [jax.ShapeDtypeStruct(a, jnp.int32) for a in ((capacity, count), (count,))]
     called = jax.ffi.ffi_call(register(loop.module), results, vmap_method="sequential")
-    whole = jax.tree.map(_int32, among._replace(x=(), sources=(), radius2=()))
-    firsts, ends = zip(*whole.spans, strict=True)
-    of_targets, of_sources = (*among.x, whole.sees, whole.own), (*among.sources, whole.kinds, whole.indices)
-    # the last vector of a range may extend beyond the last candidate
-    of_sources = tuple(jnp.pad(a, (0, loop.lanes)) for a in of_sources)
-    found = called(among.radius2, *of_targets, *of_sources, *firsts, *ends)
+    sees, own, lane, kinds, indices, start, *home = map(
+        _int32, (among.sees, among.own, among.lane, among.kinds, among.indices, among.start, *among.home)
+    )
+    # the last vector of a cell may extend beyond the last source
+    of_sources = (jnp.pad(a, (0, loop.lanes)) for a in (*among.sources, kinds, indices))
+    found = called(among.radius2, *among.x, sees, own, lane, *home, *of_sources, start)
     return found[0], found[1]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from llvmlite import ir
 
 from jaxsph.core.native.calls import begin_call
 from jaxsph.core.native.translation import FUSED
-from jaxsph.core.native.vectors import INDEX, Value, Vectors, vector_bytes
+from jaxsph.core.native.vectors import INDEX, Builder, Value, Vectors, vector_bytes
 
 INT = ir.IntType(32)
 
@@ -20,12 +21,13 @@ BLOCK = 16
 
 
 class CandidateLoop(NamedTuple):
-    """Search among candidates in `dim` dimensions, for positions of one type."""
+    """Search among the sources in the cells around each target, for positions of one type."""
 
-    dim: int
     dtype: np.dtype
-    spans: int
-    """Number of ranges of candidates for a target."""
+    shape: tuple[int, ...]
+    """Number of cells along every axis."""
+    width: int
+    """Number of cells on either side of a target's cell that may contain its neighbours."""
     period: tuple[tuple[int, float], ...]
     """Periodic axes and their lengths, m."""
 
@@ -38,11 +40,11 @@ class CandidateLoop(NamedTuple):
         """Code of the loop as a function that XLA calls.
 
         **Arguments**: the square of the radius (m2); the coordinates of the targets, an array `[N]` per axis
-        (m); their bit masks `sees` and the source that each must not find, `[N]`; the coordinates of the
-        candidates, `[M]`; their bit masks `kind` and indices, `[M]`; the first candidates of the targets'
-        ranges, then the ends of these ranges, an array `[N]` per range. Arrays of candidates are followed by
-        `lanes` unused elements. **Results**: the neighbours `[K, N]`, and their number `[N]`, which may
-        exceed K.
+        (m); their bit masks `sees`, the source that each must not find, and the number of the first cell of
+        their lane, `[N]`; the index of their cell along each axis, an array `[N]` per axis; the coordinates
+        of the sources by cell, an array `[M]` per axis (m); their bit masks `kind` and indices, `[M]`; and
+        the first source of each cell, `[C + 1]`. Arrays of sources are followed by `lanes` unused elements.
+        **Results**: the neighbours `[K, N]`, and their number `[N]`, which may exceed K.
         """
         module, call = begin_call(name)
         b, one, v = call.builder, Vectors(call.builder, 1), Vectors(call.builder, self.lanes)
@@ -53,8 +55,9 @@ class CandidateLoop(NamedTuple):
             """Data of the next arguments."""
             return [call.argument(next(arguments)) for _ in range(number)]
 
-        targets, (sees, own), sources, (kinds, indices), firsts, ends = (
-            arrays(number) for number in (self.dim, 2, self.dim, 2, self.spans, self.spans)
+        dim = len(self.shape)
+        targets, (sees, own, lanes), homes, sources, (kinds, indices, starts) = (
+            arrays(number) for number in (dim, 3, dim, dim, 3)
         )
         most, lists = b.trunc(capacity, INT), b.add(b.udiv(capacity, INDEX(self.lanes)), INDEX(2))
         listed, pitch = (
@@ -72,9 +75,14 @@ class CandidateLoop(NamedTuple):
                 i, here = b.add(begin, target), one.place(listed, np.int32, b.mul(target, pitch))
                 mask, me = (v.spread(one.element(a, np.int32, i)) for a in (sees, own))
                 x = [v.spread(one.element(a, self.dtype, i)) for a in targets]
-                number = INT(0)
-                for first, end in zip(firsts, ends, strict=True):
-                    span = one.element(first, np.int32, i), one.element(end, np.int32, i)
+                home = [one.element(a, np.int32, i) for a in homes]
+                number, lane_begin = INT(0), one.element(lanes, np.int32, i)
+                for begins, ends, inside in self._lines(b, home):
+                    first, behind = (
+                        one.element(starts, np.int32, b.sext(b.add(lane_begin, cell), INDEX))
+                        for cell in (begins, ends)
+                    )
+                    span = first, b.select(inside, behind, first)
                     with one.loop(*span, self.lanes, number) as (k, (number,), new):
                         at = b.zext(k, INDEX)
                         there = [v.load(a, self.dtype, at) for a in sources]
@@ -100,6 +108,46 @@ class CandidateLoop(NamedTuple):
                     b.store(index, one.place(rows, np.int32, b.add(row, target)))
         call.finish()
         return module
+
+    def _lines(self, b: Builder, home: list[Value]) -> Iterator[tuple[Value, Value, Value]]:
+        """Yields the first cell, the end of the cells, and whether there are any, of each line of cells.
+
+        The lines around the cell `home` run along the last axis; along a periodic axis they continue at the
+        other end of the grid. See `core.search.cells`, whose cells of positions that are not numbers may have
+        any index.
+        """
+        reach, periodic = range(-self.width, self.width + 1), dict(self.period)
+        home = [
+            b.select(b.icmp_unsigned("<", index, INT(n)), index, INT(0))
+            for index, n in zip(home, self.shape, strict=True)
+        ]
+
+        def beside(axis: int, step: int) -> tuple[Value, Value]:
+            """Index of the cell `step` cells away, and whether this cell is in the grid."""
+            index, n = b.add(home[axis], INT(step)), INT(self.shape[axis])
+            if axis in periodic:
+                index = b.select(b.icmp_signed("<", index, INT(0)), b.add(index, n), index)
+                index = b.select(b.icmp_signed("<", index, n), index, b.sub(index, n))
+            return index, b.icmp_unsigned("<", index, n)
+
+        def larger(a: Value, c: Value) -> Value:
+            return b.select(b.icmp_signed("<", a, c), c, a)
+
+        *across, last = range(len(self.shape))
+        n = INT(self.shape[last])
+        bottom, top = (b.add(home[last], INT(step)) for step in (reach[0], reach[-1]))
+        parts = [(larger(bottom, INT(0)), b.sub(n, larger(b.sub(n, b.add(top, INT(1))), INT(0))))]
+        if last in periodic:
+            under, over = b.icmp_signed("<", bottom, INT(0)), larger(b.sub(b.add(top, INT(1)), n), INT(0))
+            parts.append((b.select(under, b.add(bottom, n), INT(0)), b.select(under, n, over)))
+        for offset in itertools.product(reach, repeat=len(across)):
+            line, there = INT(0), ir.IntType(1)(1)
+            for axis, step in zip(across, offset, strict=True):
+                index, inside = beside(axis, step)
+                line, there = b.add(b.mul(line, INT(self.shape[axis])), index), b.and_(there, inside)
+            line = b.mul(b.select(there, line, INT(0)), n)
+            for begin, end in parts:
+                yield b.add(line, begin), b.add(line, end), there
 
     def _distance2(self, v: Vectors, x: list[Value], y: list[Value]) -> Value:
         """Squares of the distances between positions (m2), to the nearest image along periodic axes."""

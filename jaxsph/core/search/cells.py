@@ -160,7 +160,7 @@ def _search(
     sees, kind = sees.reshape(-1), kind.reshape(-1)
     lane = jnp.arange(lanes, dtype=jnp.int32)
     of_target, of_source = (jnp.repeat(lane, k) if lanes > 1 else lane for k in (n_lane, m_lane))
-    per_lane, last = int(np.prod(grid.shape)), grid.shape[-1]
+    per_lane = int(np.prod(grid.shape))
     order, start = _sort(cell_key(sources, grid) + of_source * per_lane, lanes * per_lane)
     xs = tuple(sources[order, k] for k in range(targets.shape[1]))
     kinds = kind[order]
@@ -169,37 +169,35 @@ def _search(
     radius2 = jnp.asarray(grid.radius, targets.dtype) ** 2
 
     home = cell_index(targets, grid)
-
-    def span(offset, low, high):
-        """First candidate, and the end of the candidates, in one line of cells."""
-        row, inside = _line(home, offset, grid)
-        inside &= low <= high
-        row = jnp.where(inside, row, 0) + of_target * (per_lane // last)
-        first = start[row * last + low]
-        return first, jnp.where(inside, start[row * last + high + 1], first)
-
-    spans = [
-        span(offset, low, high)
-        for offset in itertools.product(range(-WIDTH, WIDTH + 1), repeat=len(grid.shape) - 1)
-        for low, high in _spans(home, grid)
-    ]
     own = me if same else jnp.full_like(me, -1)
-    among = Candidates(x_i, sees, own, xs, kinds, order, spans, radius2)
-    rows, count = native_neighbours(among, grid.period, capacity) or _neighbours(among, grid.period, capacity)
+    lane_begin = jnp.broadcast_to(of_target * per_lane, (n,)).astype(jnp.int32)
+    homes = tuple(home[:, k] for k in range(home.shape[1]))
+    among = Candidates(x_i, sees, own, lane_begin, homes, xs, kinds, order, start, radius2)
+    natives = native_neighbours(among, grid.shape, WIDTH, grid.period, capacity)
+    rows, count = natives or _neighbours(among, grid, capacity)
     filled = jnp.arange(capacity, dtype=jnp.int32)[:, None] < count[None, :]
     indices = rows - (of_target * m_lane)[None, :]
     indices = jnp.where(filled, indices, m_lane).reshape(capacity, lanes, n_lane).swapaxes(0, 1)
     return Table(indices, jnp.max(count.reshape(lanes, n_lane), axis=1, initial=0))
 
 
-def _neighbours(among: Candidates, period: Period, capacity: int) -> tuple[Array, Array]:
+def _neighbours(among: Candidates, grid: Grid, capacity: int) -> tuple[Array, Array]:
     """JAX's form of `native_neighbours`."""
+    home, last = jnp.stack(among.home, axis=1), grid.shape[-1]
+
+    def span(offset, low, high):
+        """First candidate, and the end of the candidates, in one line of cells."""
+        row, inside = _line(home, offset, grid)
+        inside &= low <= high
+        begin = among.lane + jnp.where(inside, row, 0) * last
+        first = among.start[begin + low]
+        return first, jnp.where(inside, among.start[begin + high + 1], first)
 
     def candidate(first, end, c, found):
         rows, count = found
         k = jnp.minimum(first + c, len(among.indices) - 1)
         there = (a[k] for a in among.sources)
-        r = nearest_image(tuple(a - b for a, b in zip(among.x, there, strict=True)), period)
+        r = nearest_image(tuple(a - b for a, b in zip(among.x, there, strict=True)), grid.period)
         r2, j = sum(a**2 for a in r), among.indices[k]
         seen = (among.sees & among.kinds[k]) != 0
         near = (first + c < end) & (r2 < among.radius2) & seen & (j != among.own)
@@ -211,7 +209,12 @@ def _neighbours(among: Candidates, period: Period, capacity: int) -> tuple[Array
     n = len(among.sees)
     rows, put = _slots(capacity + 1, n)
     found = (rows, jnp.zeros(n, jnp.int32))
-    for first, end in among.spans:
+    spans = (
+        span(offset, low, high)
+        for offset in itertools.product(range(-WIDTH, WIDTH + 1), repeat=len(grid.shape) - 1)
+        for low, high in _spans(home, grid)
+    )
+    for first, end in spans:
         add = functools.partial(candidate, first, end)
         found = jax.lax.fori_loop(0, jnp.max(end - first, initial=0), add, found)
     rows, count = found
