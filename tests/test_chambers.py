@@ -75,7 +75,9 @@ def faces(draw):
     found = []
     for low, high in ((0.0, 0.4), (0.6, 1.0)):
         z = np.linspace(0.0, 1.0, draw(st.integers(2, 5)))
-        found.append([(draw(st.floats(low, high)), float(a)) for a in z])
+        # GEOS gives a wrong area where an x is a subnormal number beside a zero
+        x = st.floats(low, high, allow_subnormal=False)
+        found.append([(draw(x), float(a)) for a in z])
     return found
 
 
