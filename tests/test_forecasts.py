@@ -127,7 +127,7 @@ def test_a_t1_that_is_too_short_is_told_with_one_that_is_not(changes):
 def test_the_return_of_reflected_waves_is_told_before_the_run():
     """The same t1 as in the notice of the run, see `test_means_before_the_second_reflection_say_so`."""
     assert "raise t1 to 35.04 s for the final xi" in notice(OWC.replace({"t1": 22.8}), "averaging starts at")
-    assert "or more (35.04 s if the device reflects" in notice(
+    assert "or more (t1 = 35.04 s or more if the device reflects" in notice(
         OWC.replace({"t1": 11.0}), "the waves settle at"
     )
     assert not notice(OWC, "averaging starts at")

@@ -11,7 +11,7 @@ from llvmlite import ir
 
 from jaxsph.core.native.calls import begin_call
 from jaxsph.core.native.translation import FUSED
-from jaxsph.core.native.vectors import INDEX, Builder, Value, Vectors, vector_bytes
+from jaxsph.core.native.vectors import INDEX, Value, Vectors, vector_bytes
 
 INT = ir.IntType(32)
 
@@ -60,11 +60,9 @@ class CandidateLoop(NamedTuple):
             arrays(number) for number in (dim, 3, dim, dim, 3)
         )
         most, lists = b.trunc(capacity, INT), b.add(b.udiv(capacity, INDEX(self.lanes)), INDEX(2))
-        listed, pitch = (
-            b.alloca(v.type(np.int32), b.mul(lists, INDEX(BLOCK))),
-            b.mul(lists, INDEX(self.lanes)),
-        )
-        none, lane = v.constant(0, np.int32), ir.Constant(v.type(np.int32), list(range(self.lanes)))
+        listed = b.alloca(v.type(np.int32), b.mul(lists, INDEX(BLOCK)))
+        pitch = b.mul(lists, INDEX(self.lanes))
+        none = v.constant(0, np.int32)
 
         def smaller(a: Value, c: Value) -> Value:
             return b.select(b.icmp_signed("<", a, c), a, c)
@@ -76,22 +74,15 @@ class CandidateLoop(NamedTuple):
                 mask, me = (v.spread(one.element(a, np.int32, i)) for a in (sees, own))
                 x = [v.spread(one.element(a, self.dtype, i)) for a in targets]
                 home = [one.element(a, np.int32, i) for a in homes]
-                number, lane_begin = INT(0), one.element(lanes, np.int32, i)
-                for begins, ends, inside in self._lines(b, home):
-                    first, behind = (
-                        one.element(starts, np.int32, b.sext(b.add(lane_begin, cell), INDEX))
-                        for cell in (begins, ends)
-                    )
-                    span = first, b.select(inside, behind, first)
+                number, lane = INT(0), one.element(lanes, np.int32, i)
+                for span in self._spans(one, starts, lane, home):
                     with one.loop(*span, self.lanes, number) as (k, (number,), new):
                         at = b.zext(k, INDEX)
                         there = [v.load(a, self.dtype, at) for a in sources]
                         index = v.load(indices, np.int32, at)
-                        near = b.fcmp_ordered("<", self._distance2(v, x, there), radius2)
-                        near = b.and_(near, b.icmp_signed("<", lane, v.spread(b.sub(span[1], k))))
-                        seen = b.and_(mask, v.load(kinds, np.int32, at))
-                        near = b.and_(near, b.icmp_signed("!=", seen, none))
-                        near = b.and_(near, b.icmp_signed("!=", index, me))
+                        near = self._near(v, self._distance2(v, x, there), radius2, b.sub(span[1], k))
+                        seen = b.icmp_signed("!=", b.and_(mask, v.load(kinds, np.int32, at)), none)
+                        near = b.and_(near, b.and_(seen, b.icmp_signed("!=", index, me)))
                         # the neighbours come first; the next vector overwrites the lanes behind them
                         packed = v.intrinsic("experimental.vector.compress", index, near, none)
                         v.store(packed, here, np.int32, b.zext(smaller(number, most), INDEX))
@@ -101,21 +92,27 @@ class CandidateLoop(NamedTuple):
                 longer.append(b.select(b.icmp_signed("<", longest, kept), kept, longest))
             # Rows of the table may be a multiple of 4096 bytes apart, and would then replace each other in
             # the cache if each target wrote to all rows in turn.
-            with one.loop(INDEX(0), b.zext(longest, INDEX), 1) as (slot, _, _):
-                row = b.add(b.mul(slot, count), begin)
-                with one.loop(INDEX(0), size, 1) as (target, _, _):
-                    index = one.element(listed, np.int32, b.add(b.mul(target, pitch), slot))
-                    b.store(index, one.place(rows, np.int32, b.add(row, target)))
+            columns = one.place(rows, np.int32, begin)
+            _transpose(one, (listed, pitch), (columns, count), size, b.zext(longest, INDEX))
         call.finish()
         return module
 
-    def _lines(self, b: Builder, home: list[Value]) -> Iterator[tuple[Value, Value, Value]]:
-        """Yields the first cell, the end of the cells, and whether there are any, of each line of cells.
+    def _near(self, v: Vectors, squares: Value, radius2: Value, left: Value) -> Value:
+        """Mask of the candidates within the radius (m2), of which only the first `left` lanes are any."""
+        lane = ir.Constant(v.type(np.int32), list(range(self.lanes)))
+        inside = v.builder.icmp_signed("<", lane, v.spread(left))
+        return v.builder.and_(v.builder.fcmp_ordered("<", squares, radius2), inside)
+
+    def _spans(
+        self, one: Vectors, starts: Value, lane: Value, home: list[Value]
+    ) -> Iterator[tuple[Value, Value]]:
+        """Yields the first source and the end of the sources in each line of cells of a lane.
 
         The lines around the cell `home` run along the last axis; along a periodic axis they continue at the
         other end of the grid. See `core.search.cells`, whose cells of positions that are not numbers may have
         any index.
         """
+        b = one.builder
         reach, periodic = range(-self.width, self.width + 1), dict(self.period)
         home = [
             b.select(b.icmp_unsigned("<", index, INT(n)), index, INT(0))
@@ -145,9 +142,11 @@ class CandidateLoop(NamedTuple):
             for axis, step in zip(across, offset, strict=True):
                 index, inside = beside(axis, step)
                 line, there = b.add(b.mul(line, INT(self.shape[axis])), index), b.and_(there, inside)
-            line = b.mul(b.select(there, line, INT(0)), n)
-            for begin, end in parts:
-                yield b.add(line, begin), b.add(line, end), there
+            line = b.add(lane, b.mul(b.select(there, line, INT(0)), n))
+            for part in parts:
+                cells = (b.sext(b.add(line, cell), INDEX) for cell in part)
+                first, end = (one.element(starts, np.int32, cell) for cell in cells)
+                yield first, b.select(there, end, first)
 
     def _distance2(self, v: Vectors, x: list[Value], y: list[Value]) -> Value:
         """Squares of the distances between positions (m2), to the nearest image along periodic axes."""
@@ -163,6 +162,21 @@ class CandidateLoop(NamedTuple):
                 r = b.fadd(b.fsub(r, above), below)
             total = b.fadd(b.fmul(r, r, flags=FUSED), total, flags=FUSED)
         return total
+
+
+def _transpose(
+    one: Vectors, lists: tuple[Value, Value], table: tuple[Value, Value], count: Value, length: Value
+) -> None:
+    """Copies `count` lists of `length` integers to the columns of a table.
+
+    **Arguments**: `lists`, `table`: the data, and the distance between successive lists or rows.
+    """
+    b = one.builder
+    with one.loop(INDEX(0), length, 1) as (slot, _, _):
+        row = b.mul(slot, table[1])
+        with one.loop(INDEX(0), count, 1) as (k, _, _):
+            value = one.element(lists[0], np.int32, b.add(b.mul(k, lists[1]), slot))
+            b.store(value, one.place(table[0], np.int32, b.add(row, k)))
 
 
 class CellOrder(NamedTuple):
