@@ -110,7 +110,8 @@ def assemble(
         # a particle must not move so far in one step that its neighbour table becomes invalid
         stable = min(stable, 0.4 * skin / speed)
     blocks, block = _cadence(sample_dt, stable, speed, skin)
-    # in fast water the table lasts for a single step; the run would find this out, but only after a replay
+    # In fast water the table lasts for one step, rounded to whole steps, and not for the two of the shortest
+    # block. The run would find this out, but only after a replay.
     lasting = 0.5 * skin / (speed * sample_dt / (blocks * block))
     settings = {"rebuild_every": 1 if lasting < 1.5 else block} | (settings or {})
     model = Model(

@@ -128,6 +128,7 @@ def share(model: Model, state: State, devices: int) -> tuple[Model, State]:
     cannot be shared.
     """
     if devices == 1:
+        # with fewer nodes, `_sizes` would only load a program to find that no node is worth omitting
         nodes = np.arange(len(model.walls.node))[model.walls.at_nodes]
         if isinstance(model.search.method, Cells) and len(nodes) >= WORTH_SPARING * len(state.particles.id):
             model = eqx.tree_at(lambda m: m.search.slabs, model, Slabs(points=_sizes(model, state, 1)[1]))

@@ -131,8 +131,8 @@ class DeltaSPH(AbstractRateScheme):
         return stable_dt(float(self.smoothing.h), float(self.c0), nu, g, share)
 
     def respond(self, model, state, tables):
-        """See `AbstractParticleScheme.respond`: there is none, because sound waves transmit the pressure of
-        the air through the water."""
+        """See `AbstractParticleScheme.respond`: this scheme needs no response, because its sound waves
+        transmit the pressure of the air."""
         del model, state, tables
         return {}
 

@@ -100,8 +100,8 @@ class Candidates(NamedTuple):
     """Index of the source that each target must not find, `[N]`; -1 for none."""
     lane: Array
     """Number of the first cell of each target's lane, `[N]`; the cells are numbered from lane to lane."""
-    home: Sequence[Array]
-    """Index of each target's cell along every axis, an array `[N]` per axis."""
+    home: Array
+    """Index of each target's cell along every axis, `[N, D]`."""
     sources: Sequence[Array]
     """Coordinates of the sources by cell, an array `[M]` per axis, m."""
     kinds: Array
@@ -138,7 +138,7 @@ def native_neighbours(
     results = [jax.ShapeDtypeStruct(a, jnp.int32) for a in ((capacity, count), (count,))]
     called = jax.ffi.ffi_call(register(loop.module), results, vmap_method="sequential")
     sees, own, lane, kinds, indices, start, *home = map(
-        _int32, (among.sees, among.own, among.lane, among.kinds, among.indices, among.start, *among.home)
+        _int32, (among.sees, among.own, among.lane, among.kinds, among.indices, among.start, *among.home.T)
     )
     # the last vector of a cell may extend beyond the last source
     of_sources = (jnp.pad(a, (0, loop.lanes)) for a in (*among.sources, kinds, indices))

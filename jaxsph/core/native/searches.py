@@ -11,7 +11,7 @@ from llvmlite import ir
 
 from jaxsph.core.native.calls import begin_call
 from jaxsph.core.native.translation import FUSED
-from jaxsph.core.native.vectors import INDEX, Value, Vectors, vector_bytes
+from jaxsph.core.native.vectors import INDEX, Builder, Value, Vectors, vector_bytes
 
 INT = ir.IntType(32)
 
@@ -64,11 +64,8 @@ class CandidateLoop(NamedTuple):
         pitch = b.mul(lists, INDEX(self.lanes))
         none = v.constant(0, np.int32)
 
-        def smaller(a: Value, c: Value) -> Value:
-            return b.select(b.icmp_signed("<", a, c), a, c)
-
         with one.loop(INDEX(0), count, BLOCK) as (begin, _, _):
-            size = smaller(INDEX(BLOCK), b.sub(count, begin))
+            size = _smaller(b, INDEX(BLOCK), b.sub(count, begin))
             with one.loop(INDEX(0), size, 1, INT(0)) as (target, (longest,), longer):
                 i, here = b.add(begin, target), one.place(listed, np.int32, b.mul(target, pitch))
                 mask, me = (v.spread(one.element(a, np.int32, i)) for a in (sees, own))
@@ -85,11 +82,10 @@ class CandidateLoop(NamedTuple):
                         near = b.and_(near, b.and_(seen, b.icmp_signed("!=", index, me)))
                         # the neighbours come first; the next vector overwrites the lanes behind them
                         packed = v.intrinsic("experimental.vector.compress", index, near, none)
-                        v.store(packed, here, np.int32, b.zext(smaller(number, most), INDEX))
+                        v.store(packed, here, np.int32, b.zext(_smaller(b, number, most), INDEX))
                         new.append(b.add(number, v.count(near)))
                 b.store(number, one.place(found, np.int32, i))
-                kept = smaller(number, most)
-                longer.append(b.select(b.icmp_signed("<", longest, kept), kept, longest))
+                longer.append(_larger(b, longest, _smaller(b, number, most)))
             # Rows of the table may be a multiple of 4096 bytes apart, and would then replace each other in
             # the cache if each target wrote to all rows in turn.
             columns = one.place(rows, np.int32, begin)
@@ -98,7 +94,7 @@ class CandidateLoop(NamedTuple):
         return module
 
     def _near(self, v: Vectors, squares: Value, radius2: Value, left: Value) -> Value:
-        """Mask of the candidates within the radius (m2), of which only the first `left` lanes are any."""
+        """Mask of the candidates within the radius; only the first `left` lanes contain candidates."""
         lane = ir.Constant(v.type(np.int32), list(range(self.lanes)))
         inside = v.builder.icmp_signed("<", lane, v.spread(left))
         return v.builder.and_(v.builder.fcmp_ordered("<", squares, radius2), inside)
@@ -127,15 +123,12 @@ class CandidateLoop(NamedTuple):
                 index = b.select(b.icmp_signed("<", index, n), index, b.sub(index, n))
             return index, b.icmp_unsigned("<", index, n)
 
-        def larger(a: Value, c: Value) -> Value:
-            return b.select(b.icmp_signed("<", a, c), c, a)
-
         *across, last = range(len(self.shape))
         n = INT(self.shape[last])
         bottom, top = (b.add(home[last], INT(step)) for step in (reach[0], reach[-1]))
-        parts = [(larger(bottom, INT(0)), b.sub(n, larger(b.sub(n, b.add(top, INT(1))), INT(0))))]
+        parts = [(_larger(b, bottom, INT(0)), b.sub(n, _larger(b, b.sub(n, b.add(top, INT(1))), INT(0))))]
         if last in periodic:
-            under, over = b.icmp_signed("<", bottom, INT(0)), larger(b.sub(b.add(top, INT(1)), n), INT(0))
+            under, over = b.icmp_signed("<", bottom, INT(0)), _larger(b, b.sub(b.add(top, INT(1)), n), INT(0))
             parts.append((b.select(under, b.add(bottom, n), INT(0)), b.select(under, n, over)))
         for offset in itertools.product(reach, repeat=len(across)):
             line, there = INT(0), ir.IntType(1)(1)
@@ -162,6 +155,16 @@ class CandidateLoop(NamedTuple):
                 r = b.fadd(b.fsub(r, above), below)
             total = b.fadd(b.fmul(r, r, flags=FUSED), total, flags=FUSED)
         return total
+
+
+def _smaller(b: Builder, a: Value, c: Value) -> Value:
+    """The smaller of two integers."""
+    return b.select(b.icmp_signed("<", a, c), a, c)
+
+
+def _larger(b: Builder, a: Value, c: Value) -> Value:
+    """The larger of two integers."""
+    return b.select(b.icmp_signed("<", a, c), c, a)
 
 
 def _transpose(

@@ -168,11 +168,10 @@ def _search(
     me = jnp.arange(n, dtype=jnp.int32) + of_target * (m_lane - n_lane)
     radius2 = jnp.asarray(grid.radius, targets.dtype) ** 2
 
-    home = cell_index(targets, grid)
     own = me if same else jnp.full_like(me, -1)
     lane_begin = jnp.broadcast_to(of_target * per_lane, (n,)).astype(jnp.int32)
-    homes = tuple(home[:, k] for k in range(home.shape[1]))
-    among = Candidates(x_i, sees, own, lane_begin, homes, xs, kinds, order, start, radius2)
+    home = cell_index(targets, grid)
+    among = Candidates(x_i, sees, own, lane_begin, home, xs, kinds, order, start, radius2)
     natives = native_neighbours(among, grid.shape, WIDTH, grid.period, capacity)
     rows, count = natives or _neighbours(among, grid, capacity)
     filled = jnp.arange(capacity, dtype=jnp.int32)[:, None] < count[None, :]
@@ -183,7 +182,7 @@ def _search(
 
 def _neighbours(among: Candidates, grid: Grid, capacity: int) -> tuple[Array, Array]:
     """JAX's form of `native_neighbours`."""
-    home, last = jnp.stack(among.home, axis=1), grid.shape[-1]
+    home, last = among.home, grid.shape[-1]
 
     def span(offset, low, high):
         """First candidate, and the end of the candidates, in one line of cells."""
