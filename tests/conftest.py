@@ -2,6 +2,7 @@
 
 import atexit
 import collections
+import contextlib
 import os
 import shutil
 import signal
@@ -17,6 +18,7 @@ if "PYTEST_XDIST_WORKER" not in os.environ and "JAX_COMPILATION_CACHE_DIR" not i
 import equinox as eqx
 import hypothesis
 import jax
+import jax.monitoring
 import jax.numpy as jnp
 import pytest
 
@@ -61,6 +63,22 @@ COARSE = {
     "wave_tank": {"dx": 0.05, "device": None},
 }
 """Changes with which a step of a built-in case takes milliseconds."""
+
+
+@contextlib.contextmanager
+def compilations():
+    """Context with a list that grows by one with every compilation of the program."""
+    found = []
+
+    def listen(event, duration, **_):
+        if event == "/jax/core/compile/backend_compile_duration":
+            found.append(duration)
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    try:
+        yield found
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listen)
 
 
 def enable_x64():

@@ -1,32 +1,13 @@
 """Only `build` determines array shapes: another damping, wave height or period compiles nothing."""
 
-import contextlib
-
 import jax
-import jax.monitoring
 import numpy as np
 import pytest
-from conftest import advance, coarse
+from conftest import advance, coarse, compilations
 
 import jaxsph as js
 from jaxsph.case.speeds import search_speed, speed_scale
 from jaxsph.waves import theory
-
-
-@contextlib.contextmanager
-def compilations():
-    """Context with a list that grows by one with every compilation of the program."""
-    found = []
-
-    def listen(event, duration, **_):
-        if event == "/jax/core/compile/backend_compile_duration":
-            found.append(duration)
-
-    jax.monitoring.register_event_duration_secs_listener(listen)
-    try:
-        yield found
-    finally:
-        jax.monitoring.unregister_event_duration_listener(listen)
 
 
 def _built(name, changes):

@@ -5,7 +5,7 @@ import functools
 import jax
 import numpy as np
 import pytest
-from conftest import coarse
+from conftest import coarse, compilations
 
 import jaxsph as js
 from jaxsph.problem.source import Source
@@ -49,6 +49,19 @@ def test_a_stored_program_gives_the_same_run_and_is_not_traced_again(folder, mon
             np.testing.assert_array_equal(solution.series[name], values)
         for one, other in zip(jax.tree.leaves(stored.state), jax.tree.leaves(solution.state), strict=True):
             np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("stored", [False, True])
+def test_a_program_is_compiled_once(folder, stored):
+    """An estimate of the wall time would include a compilation that takes place after the first chunk."""
+    model, state, probes = _started(TANK)
+    if stored:
+        _advance(TANK, model, state, probes)
+        lowered._kept.clear()
+    state, _ = _advance(TANK, model, state, probes)
+    with compilations() as found:
+        _advance(TANK, model, state, probes)
+    assert not found
 
 
 def test_a_damaged_program_is_made_again(folder):
@@ -111,4 +124,4 @@ def _started(case):
 
 def _advance(case, model, state, probes):
     every = model.search.rebuild_every
-    simulate.simulate_chunk(model, state, probes, every, every, every, lowered.key_of(case))
+    return simulate.simulate_chunk(model, state, probes, every, every, every, lowered.key_of(case))

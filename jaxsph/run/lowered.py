@@ -45,7 +45,7 @@ class Lowered(NamedTuple):
     """A lowered program for one structure of its arguments."""
 
     call: Callable[..., list[jax.Array]]
-    """Compiled function of `n_steps` and of the leaves of model, state and probes."""
+    """Function of `n_steps` and of the leaves of model, state and probes."""
     readings: tuple[str, ...]
     """Names of the readings, whose arrays follow the leaves of the state in the result."""
 
@@ -81,7 +81,12 @@ def advance(
     text = f"{key} {tree} {avals} {most} {sample_every}"
     name = hashlib.sha256(text.encode()).hexdigest()[:32]
     if name not in _kept:
-        _kept[name] = _loaded(name) or _made(name, steps, tree, avals, (most, sample_every))
+        shapes = [jax.ShapeDtypeStruct(a.shape, a.dtype, weak_type=a.weak_type) for a in avals]
+        arguments = (jax.ShapeDtypeStruct((), "int32"), *shapes)
+        found = _loaded(name) or _made(name, steps, tree, arguments, (most, sample_every))
+        # `jax.jit` would compile the program again for the second chunk: results of an exported program are
+        # bound to their device, and the first state of a run is not
+        _kept[name] = found and found._replace(call=jax.jit(found.call).lower(*arguments).compile())
     program = _kept[name]
     if program is None:
         return None
@@ -100,12 +105,14 @@ def _loaded(name: str) -> Lowered | None:
         names, functions = json.loads(first)
         if not restored(functions):
             return None
-        return Lowered(jax.jit(export.deserialize(bytearray(data)).call), tuple(names))
+        return Lowered(export.deserialize(bytearray(data)).call, tuple(names))
     except Exception:  # a damaged file raises errors of many types
         return None
 
 
-def _made(name: str, steps: Steps, tree: Any, avals: list[Any], static: tuple[int, int]) -> Lowered | None:
+def _made(
+    name: str, steps: Steps, tree: Any, arguments: Sequence[jax.ShapeDtypeStruct], static: tuple[int, int]
+) -> Lowered | None:
     """Lowered form of `steps`, which is stored; None if JAX cannot store it."""
     found: dict[str, Any] = {}
 
@@ -116,8 +123,7 @@ def _made(name: str, steps: Steps, tree: Any, avals: list[Any], static: tuple[in
         found["names"] = sorted(readings)
         return [*jax.tree.leaves(new), *(readings[key] for key in found["names"])]
 
-    shapes = [jax.ShapeDtypeStruct(a.shape, a.dtype, weak_type=a.weak_type) for a in avals]
-    program, arguments = jax.jit(flat), (jax.ShapeDtypeStruct((), "int32"), *shapes)
+    program = jax.jit(flat)
     try:
         program.trace(*arguments)  # afterwards the native functions that the program calls are known
         functions = used()
@@ -130,7 +136,7 @@ def _made(name: str, steps: Steps, tree: Any, avals: list[Any], static: tuple[in
         return None
     with contextlib.suppress(OSError):  # the next run traces its steps again
         put_file(_path(name), json.dumps([found["names"], functions]).encode() + b"\n" + data)
-    return Lowered(jax.jit(lowered.call), tuple(found["names"]))
+    return Lowered(lowered.call, tuple(found["names"]))
 
 
 def _path(name: str) -> Path:
