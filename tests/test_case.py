@@ -628,6 +628,17 @@ def test_doubtful_positions_and_densities_are_told(changes, notice):
     assert not any(re.match(notice, note) for note in BUOY.notices())
 
 
+@pytest.mark.parametrize(("bottom", "told"), [(0.03, True), (0.06, False), (0.05, True)])
+def test_a_narrow_gap_between_a_body_and_the_bed_is_told(bottom, told):
+    flap = js.load_case("flap_2d").replace({"body.block": {"low": [6.0, bottom], "high": [6.12, 0.64]}})
+    notes = [
+        note for note in flap.notices() if note.startswith(f"body leaves a gap of {bottom:g} m to the bed")
+    ]
+    assert bool(notes) == told
+    if told:
+        assert f"use dx of at most {bottom / 2.0:.3g} m" in notes[0]
+
+
 def test_a_body_near_its_equilibrium_or_held_by_a_spring_gets_no_notice():
     near = BUOY.replace({"body.density": 580.0})  # 0.016 m, less than a spacing
     held = BUOY.replace({"body.density": 800.0, "link.take_off.stiffness": 100.0})

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 import jaxsph as js
 from jaxsph.cli.app import app
-from jaxsph.cli.arguments import setting_of, values_of
+from jaxsph.cli.arguments import load, setting_of, values_of
 from jaxsph.errors import CaseError, FileError, SimulationError
 from jaxsph.output.hdf5 import Variable
 from jaxsph.output.run_file import RunFile
@@ -32,6 +32,9 @@ class _Case:
 
     def notices(self):
         return ["chamber snapped"]
+
+    def problem(self):
+        return types.SimpleNamespace(labels={"xi": ("efficiency",)})
 
 
 def _record(path, overwrite=False, checkpoint=True, toml='name = "fake"\nprecision = "float32"\n'):
@@ -158,6 +161,18 @@ def test_run_passes_its_options_on(calls, tmp_path):
 )
 def test_settings_are_toml_or_text(text, expected):
     assert setting_of(text) == expected
+
+
+def test_keys_that_a_setting_replaces_are_told(tmp_path, capsys):
+    """Otherwise an orifice would silently become a turbine."""
+    file = tmp_path / "orifice.toml"
+    file.write_text(js.load_case("owc").replace({"pto.area": 0.005}).to_toml())
+    case = load(str(file), ["pto.K_dm=300"])
+    assert case.pto.area is None
+    told = capsys.readouterr().err
+    assert told == "note: pto.area = 0.005 of the case no longer applies with pto.K_dm = 300\n"
+    load(str(file), ["pto.area=0.004", "device=", "pto=", "probes.gauges=[1.0, 1.4, 2.0]"])
+    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize("text", ["dx", "=3", ""])

@@ -12,6 +12,7 @@ from jaxsph.case.geometry import Geometry
 from jaxsph.case.linear import incident_energy, incident_power
 from jaxsph.case.results import SettledPeriods, _power, incident_over
 from jaxsph.case.settling import FEW, settled_periods
+from jaxsph.model.meaning import Exchange
 from jaxsph.problem.record import Record, Window
 from jaxsph.report.doubts import doubts
 from jaxsph.report.labels import label_of, short
@@ -93,6 +94,22 @@ def test_the_incident_power_says_of_which_waves_it_is():
     assert short(label_of("P_inc_sea", True)).strip() == "of the whole sea"
     assert label_of("P_inc_sea", False).unit == "W/m"
     assert dict(js.check(SEA))["incident power"].endswith("W per metre of width, mean of the whole sea")
+
+
+def test_the_power_in_the_whole_sea_has_the_efficiency_of_the_part():
+    part = SEA.replace({"t1": 40.0})
+    made, taken = recorded(part), types.SimpleNamespace(exchange=Exchange.HARVESTED)
+    series = {"power_pto": 1.0 + np.sin(made.t)}
+    model = types.SimpleNamespace(entries=lambda: {"pto": taken})
+
+    class Recorded(types.SimpleNamespace):
+        def __getitem__(self, name):
+            return self.series[name]
+
+    solution = cast(js.Solution, Recorded(t=made.t, series=series, model=model))
+    made = _power(part, made._replace(solution=solution))
+    assert made["P_owc_sea"] / made["P_inc_sea"] == pytest.approx(made["P_owc"] / made["P_inc"])
+    assert made["P_owc_sea"] != pytest.approx(made["P_owc"], rel=1e-3)
 
 
 def test_a_repetition_of_a_sea_is_averaged_without_a_notice():

@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 import jaxsph as js
 from jaxsph.cli.app import app
 from jaxsph.output.plot.matrix import draw_matrix
+from jaxsph.output.sweep_file import Meanings, SweepFile
 from jaxsph.study.matrix import matrix_of
 from jaxsph.waves import second_order, spectra
 from jaxsph.waves.linear_owc import linear_response
@@ -192,7 +193,9 @@ def test_the_command_makes_a_matrix_and_goes_on(tmp_path, monkeypatch):
 
     def power_matrix(case, Hs, Tp, out, **options):
         asked.update(case=case, Hs=Hs, Tp=Tp, out=out, **options)
-        return matrix_of(a_sweep(POWERS))
+        done = a_sweep(POWERS)
+        SweepFile(out).write(case.to_toml(), done.axes, POWERS.shape, {}, Meanings())
+        return matrix_of(done)
 
     monkeypatch.setattr(js, "power_matrix", power_matrix, raising=False)
     (tmp_path / "sea.toml").write_text(CASE.to_toml())
@@ -216,6 +219,9 @@ def test_the_command_makes_a_matrix_and_goes_on(tmp_path, monkeypatch):
     assert "Hs = 0.04 m, Tp = 1.6 s" in done.output and "linear theory" in done.output
     assert re.search(r"mean over the year +0.5 \+- 0.5 W/m", done.output)
     assert (tmp_path / "m_plots" / "matrix.png").exists()
+    answer = SweepFile(tmp_path / "m.h5").read().answer
+    assert answer["label"] == "mean power over the year" and answer["value"] == "0.5 ± 0.5"
+    assert "mean power over the year" in (tmp_path / "m.html").read_text()
 
 
 def test_second_order_wavenumbers_are_the_theory_s():

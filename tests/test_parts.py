@@ -156,6 +156,20 @@ def test_readings_that_share_a_name_are_refused(hydrostatic):
     assert set(described(probes[:1])) == {"time", "eta"}
 
 
+def test_a_probe_describes_exactly_its_readings(hydrostatic):
+    """Before anything is compiled; a reading without a unit could not be recorded."""
+    _, model, state = hydrostatic
+
+    class Forgetful(WaveGauge):
+        def measure(self, model, state, tables):
+            return {"a": state.step, "b": state.step}
+
+    with pytest.raises(
+        ValueError, match=r"Forgetful.measure returns the readings \['a', 'b'\], and describe"
+    ):
+        measured((Forgetful(jnp.array([0.3]), jnp.array([0.0])),), model, state, None)
+
+
 def _take_off(name, body):
     law = js.Damper(jnp.float32(1.0), jnp.float32(0.0))
     return js.Link(js.AlongJoint(body, 2, "rad"), law, harvests=True, name=name)

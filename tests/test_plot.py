@@ -274,7 +274,7 @@ K, H = np.array([200.0, 400.0, 600.0]), np.array([0.02, 0.04])
 @pytest.mark.parametrize(
     ("axes", "shape", "results"),
     [
-        ({"pto.K_dm": K}, (3,), {"xi": [0.3, 0.5, 0.4], "xi_scatter": [0.1] * 3, "periods": [9.0] * 3}),
+        ({"pto.K_dm": K}, (3,), {"xi": [0.3, 0.5, 0.4], "xi_error": [0.03] * 3}),
         ({"pto.K_dm": K}, (3,), {"xi": [0.3, 0.5, 0.4], "slope pto.K_dm": [1e-3, 1e-4, -1e-3]}),
         ({"pto.K_dm": K, "waves.H": H}, (3, 2), {"xi": np.arange(6.0)}),
         ({"pto.K_dm": K, "waves.H": np.full(3, 0.04)}, (3,), {"xi": [0.3, 0.5, 0.4]}),

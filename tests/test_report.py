@@ -88,7 +88,14 @@ def make_run(path, particles=400, frames=6, results=True, case=OWC, samples=200,
         snapshot |= {"x": at, "u": u, "p": 9810 * (0.42 - at[:, -1])}
         run.append(series, variables, snapshot, {"a": np.zeros(1)}, {"wall_seconds": 1.0})
     if results:
-        powers = {"xi": 0.61, "xi_scatter": 0.02, "P_inc": 2.19, "P_owc": 1.34, "periods": 8.0}
+        powers = {
+            "xi": 0.61,
+            "xi_error": 0.007,
+            "xi_scatter": 0.02,
+            "P_inc": 2.19,
+            "P_owc": 1.34,
+            "periods": 8.0,
+        }
         run.finish(powers | {"noise": 0.05, "energy_residual_share": 0.001})
     return path
 
@@ -98,7 +105,7 @@ def make_sweep(path, axes, shape, slopes=False):
     t = 0.1 * np.arange(30)
     members = {}
     for k in range(int(np.prod(shape))):
-        results = {"xi": 0.1 * k, "xi_scatter": 0.01, "periods": 9.0, "P_owc": 0.2 * k}
+        results = {"xi": 0.1 * k, "xi_error": 0.003, "periods": 9.0, "P_owc": 0.2 * k}
         results |= {f"slope {name}": 0.5 for name in axes} if slopes else {}
         members[k] = {"results": results, "series": {"time": t, "P_a": np.sin(t) * k}, "failure": ""}
     members[0] |= {"failure": "a particle has left", "results": {}}
@@ -229,12 +236,13 @@ def test_results_are_in_words_and_every_one_of_a_run_has_a_label(tmp_path):
     rows = {row["name"]: row for row in found["results"]}
     assert rows["xi"]["value"] == "0.61 ± 0.007" and "target waves" in rows["xi"]["meaning"]
     names = [row["name"] for row in found["results"]]
-    assert names == in_order(rows) and names[:3] == ["xi", "xi_scatter", "P_owc"]
+    assert names == in_order(rows) and names[:4] == ["xi", "xi_error", "xi_scatter", "P_owc"]
     assert found["answer"] == {
         "label": "hydrodynamic efficiency",
         "value": "0.61 ± 0.007",
         "unit": "",
         "expected": "",
+        "note": "± from the changes within this run only",
     }
     assert set(rows) <= set(LABELS)
     panels = {panel["name"]: panel for panel in found["panels"]}

@@ -239,7 +239,7 @@ def _check_waves(case: Sections, geometry: Geometry) -> None:
         number = "four" if waves.least_length == 4 else f"{waves.least_length}"
         raise CaseError(
             f"{period}: the wavelength, {length:.3g} m, is less than {number} spacings (dx = {case.dx:g} m); "
-            "use a longer period, or a smaller dx"
+            f"use a longer period, or dx of at most {length / waves.least_length:.3g} m"
         )
     if geometry.stroke > 0.5 * geometry.front:
         raise CaseError(

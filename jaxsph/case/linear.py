@@ -133,8 +133,11 @@ def linear_check(case: Sections) -> list[tuple[str, str]]:
         return []
     found = linear_owc(case)
     best = f"at most {found.eta_max:.3g}"
-    if _turbine(case).quadratic is not None:
+    pto = _turbine(case)
+    if pto.quadratic is not None:
         best += f", at K_dm = {found.K_dm_best:.4g}"
+    if pto.area is not None:  # the damping of an orifice is inversely proportional to its area
+        best += f", or area = {pto.area * pto.quadratic / found.K_dm_best:.3g} m2 per m"
     return [
         ("linear efficiency", f"{found.xi:.3g} ({best})"),
         (

@@ -227,12 +227,16 @@ def _power(case: Sections, record: Record) -> dict[str, float]:
     if power is None:
         return results
     efficiency = analysis.efficiency(t, power, T, P_inc, window.periods)
-    results["P_owc" if case.turbines else "P_pto"] = efficiency.xi * P_inc
+    absorbed = "P_owc" if case.turbines else "P_pto"
+    results[absorbed] = efficiency.xi * P_inc
+    if "P_inc_sea" in results:
+        results[f"{absorbed}_sea"] = efficiency.xi * results["P_inc_sea"]
     results |= _share(case, efficiency.xi)
     if case.tank.width is not None:
         return results
     if window.periods > 1:
-        results["xi_scatter"] = float(np.std(efficiency.per_period))
+        results["xi_scatter"] = float(np.std(efficiency.per_period, ddof=1))
+        results["xi_error"] = results["xi_scatter"] / window.periods**0.5
     if waves.repeats is not None:
         results["xi_error"] = analysis.mean_with_error(power[window.over][1:]).error / P_inc
     return results

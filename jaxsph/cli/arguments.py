@@ -12,6 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
+from jaxsph.cli.terminal import print_notes
 from jaxsph.errors import CaseError
 from jaxsph.run import interrupt
 
@@ -165,12 +166,35 @@ def load(name: str, settings: list[str] | None, quick: bool = False) -> Any:
     import jaxsph as js
 
     case = js.Program.load(name) if ".py" in name else js.load_case(name)
-    if settings:
-        case = case.replace(dict(setting_of(text) for text in settings))
     is_program = isinstance(case, js.Program)
+    if settings:
+        given, changes = case, dict(setting_of(text) for text in settings)
+        case = case.replace(changes)
+        if isinstance(case, js.Case):
+            print_notes(_dropped(given, case, changes))
     match_precision(case.arguments.get("precision") if is_program else getattr(case, "precision", None))
     interrupt.raise_again()
     return js.coarsen(case) if quick else case
+
+
+def _dropped(before: Any, after: Any, changes: dict[str, Any]) -> list[str]:
+    """Notes on the keys that a case loses because `changes` set another alternative."""
+    keys, left = (_values(case.model_dump(exclude_defaults=True, mode="json")) for case in (before, after))
+    gone = {
+        key: value
+        for key, value in keys.items()
+        if key not in left and not any(f"{key}.".startswith(f"{changed}.") for changed in changes)
+    }
+    because = ", ".join(f"{key} = {value}" for key, value in changes.items() if value is not None)
+    return [f"{key} = {value} of the case no longer applies with {because}" for key, value in gone.items()]
+
+
+def _values(section: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Values of nested sections by dotted name."""
+    found = {}
+    for name, value in section.items():
+        found |= _values(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
+    return found
 
 
 def setting_of(text: str) -> tuple[str, Any]:

@@ -107,8 +107,12 @@ def export(
     import jaxsph as js
 
     with messages():
-        if csv + xlsx + (out is not None) > 1:
-            raise CaseError("--csv, --xlsx and --out: give only one of them")
+        suffixes = [suffix for suffix, given in ((".csv", csv), (".xlsx", xlsx)) if given]
+        if len(suffixes) > 1 or (out is not None and suffixes not in ([], [out.suffix])):
+            raise CaseError(
+                "--csv, --xlsx and --out: give only one of them, or --out with a name that ends in the same "
+                "format"
+            )
         out = out if out is not None else Path(file).with_suffix(".xlsx" if xlsx else ".csv")
         for written in js.export(file, out, overwrite=overwrite):
             typer.echo(f"table: {written}")

@@ -27,8 +27,10 @@ from jaxsph.cli.arguments import (
 )
 from jaxsph.cli.terminal import messages, print_notes, print_table, write_page
 from jaxsph.errors import CaseError
+from jaxsph.output.sweep_file import SweepFile
 from jaxsph.report.doubts import doubts_of_members
 from jaxsph.report.labels import label_of
+from jaxsph.study.base import check_result
 
 INTERRUPTED = "interrupted; the same command continues where this one ended"
 """Message after Ctrl-C: studies keep the checkpoints of their members."""
@@ -144,7 +146,7 @@ def matrix(
             _note(loaded, {"waves.Hs": Hs, "waves.Tp": Tp})
             announce(loaded, out, len(Hs) * len(Tp) * seeds, None, scheduler)
         done = js.power_matrix(loaded, Hs, Tp, out, seeds=seeds, executor=executor, progress=not quiet)
-        unknown = _print_matrix(done, scatter)
+        unknown = _print_matrix(done, scatter, out)
         typer.echo(f"recorded in {out}")
         if not quiet:
             _doubt(loaded, done.sweep)
@@ -192,6 +194,7 @@ def slope(  # its arguments are the options of the command
         error = "" if found.error is None else f" +- {found.error:.2g}"
         print_table(
             [
+                *((f"{of} at {key} = {value:.4g}", f"{there:.4g}") for key, value, there in _runs(found)),
                 (of, f"{found.value:.4g}"),
                 (f"d {of} / d {over}", f"{found.slope:.4g}{error}{_missing_runs(found)}"),
                 ("valid for changes up to", f"{found.reach:.3g}"),
@@ -245,6 +248,8 @@ def optimise(  # its arguments are the options of the command
         if not quiet:
             _note(loaded, bounds)
             if method is Way.ensemble:
+                if table is None:
+                    check_result(loaded.problem(), of)
                 announce(loaded, out, evaluations * members, None, None, "at most ")
         found = js.maximise(loaded, bounds, out, of, way, evaluations=evaluations, progress=not quiet)
         print_table([_evaluation(here, of, list(bounds)) for here in found.history])
@@ -253,6 +258,12 @@ def optimise(  # its arguments are the options of the command
         typer.echo(f"best: {of} = {found.value:.4g} at {best} ({found.reason})")
         typer.echo(f"recorded in {out}")
         write_page(out, report, quiet)
+
+
+def _runs(found: Any) -> list[tuple[str, float, float]]:
+    """Parameter, its value and the result of every run of an ensemble; empty for other methods."""
+    values, results = (found.members.get(name, ()) for name in (found.parameter, found.of))
+    return [(found.parameter, *pair) for pair in zip(values, results, strict=True)]
 
 
 def _missing_runs(found: Any) -> str:
@@ -345,9 +356,10 @@ def _sweep_rows(done: Any) -> list[tuple[str, str]]:
     return [(_place(done, place), f"{label} {done[name][place]:.4g}") for place in places]
 
 
-def _print_matrix(done: Any, scatter: Any) -> CaseError | None:
+def _print_matrix(done: Any, scatter: Any, out: Path) -> CaseError | None:
     """Prints the power of each sea state, and the mean over the scatter table if there is one.
 
+    This mean is also stored in the file `out` of the matrix as its main result.
     **Returns** the error if this mean is unknown, so that everything else can be printed and written first.
     """
     rows, unknown = _matrix_rows(done), None
@@ -355,8 +367,17 @@ def _print_matrix(done: Any, scatter: Any) -> CaseError | None:
         over = "year" if scatter.hours is None else f"{scatter.hours:,.0f} h of the table"
         try:
             mean = done.annual(scatter)
-            error = "" if math.isnan(mean.error) else f" +- {mean.error:.1g}"
-            rows.append((f"mean over the {over}", f"{mean.value:.3g}{error} {done.unit}"))
+            error, theory = (
+                "" if math.isnan(mean.error) else f" +- {mean.error:.1g}",
+                done.annual_linear(scatter),
+            )
+            linear = "" if math.isnan(theory) else f"{theory:.3g}"
+            value = f"{mean.value:.3g}{error}"
+            rows.append(
+                (f"mean over the {over}", f"{value} {done.unit}{linear and f'; linear theory {linear}'}")
+            )
+            answer = {"label": f"mean power over the {over}", "value": value.replace("+-", "±")}
+            SweepFile(out).conclude(answer | {"unit": done.unit, "expected": linear, "note": ""})
         except CaseError as found:
             unknown = found
     print_table(rows)

@@ -2,7 +2,8 @@
 
     attributes             schema, jaxsph_version, kind = "sweep", parameters (their names), case (shared by
                            all members, as TOML), about (JSON: further settings that identify the study; for a
-                           search its result and method), labels (JSON: labels of non-standard results)
+                           search its result and method), labels (JSON: labels of non-standard results),
+                           answer (JSON: main result of the whole study, which its page shows first)
     one per parameter      its values, a dimension of all other variables
     one per result         over the parameters, NaN if a member does not have it; `failure`: text
     series                 over the parameters and `time`, padded with NaN
@@ -62,6 +63,7 @@ class StoredSweep(NamedTuple):
     meanings: Meanings
     about: dict[str, Any]
     version: str
+    answer: dict[str, str]
 
     def place(self, index: int) -> dict[str, float]:
         """Values of the parameters of a member, by name; `index`: flat index of the member."""
@@ -129,6 +131,16 @@ class SweepFile:
             if with_series:
                 _write_padded(group, with_series, meanings.variables, dims, shape)
 
+    def conclude(self, answer: Mapping[str, str]) -> None:
+        """Stores the main result of the whole study in words: label, value, unit, value expected by linear
+        theory, and a note, each a text that may be empty.
+
+        When a member is computed again, this result is removed. **Raises** FileError if the file cannot be
+        written.
+        """
+        with replace_file(self.path, "r+") as file:
+            file.attrs["answer"] = json.dumps(dict(answer))
+
     def read(self) -> StoredSweep:
         """Contents of the file, without the padding.
 
@@ -142,7 +154,7 @@ class SweepFile:
                     "file"
                 )
             about = json.loads(file.attrs.get("about", "{}"))
-            labels = json.loads(file.attrs.get("labels", "{}"))
+            labels, answer = (json.loads(file.attrs.get(name, "{}")) for name in ("labels", "answer"))
             case, made_by = str(file.attrs["case"]), str(file.attrs["jaxsph_version"])
             order = [str(name) for name in file.attrs["parameters"]]
             axes = {name: file[name][()] for name in order}
@@ -169,7 +181,7 @@ class SweepFile:
                 there |= np.isfinite(values.reshape(len(values), -1)).any(axis=1)
             own = {n: v[there] for n, v in own.items()} | {"time": time[there]} if there.any() else {}
             members[index] = {"results": results, "series": own, "failure": text}
-        return StoredSweep(case, axes, shape, members, Meanings(variables, labels), about, made_by)
+        return StoredSweep(case, axes, shape, members, Meanings(variables, labels), about, made_by, answer)
 
 
 def over_members(members: Mapping[int, Mapping[str, Any]], shape: tuple[int, ...]) -> dict[str, np.ndarray]:

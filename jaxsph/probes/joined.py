@@ -20,8 +20,17 @@ V = TypeVar("V")
 def measured(
     probes: Sequence[AbstractProbe], model: Model, state: State, tables: Tables
 ) -> dict[str, jax.Array]:
-    """Readings of all probes, by name, with "time" (s). **Raises** ValueError if two names are equal."""
-    found = (probe.measure(model, state, tables) for probe in probes)
+    """Readings of all probes, by name, with "time" (s).
+
+    **Raises** ValueError if two names are equal, or if a probe does not describe exactly its readings.
+    """
+    found = [probe.measure(model, state, tables) for probe in probes]
+    for probe, readings in zip(probes, found, strict=True):
+        if readings.keys() != probe.describe().keys():
+            raise ValueError(
+                f"{type(probe).__name__}.measure returns the readings {sorted(readings)}, and describe "
+                f"{sorted(probe.describe())}: both must return the same names"
+            )
     return _joined({"time": model.time(state)}, probes, found)
 
 

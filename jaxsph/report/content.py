@@ -131,22 +131,23 @@ def _theory(case: Case | None) -> list[tuple[str, str]]:
     return [("linear theory", f"not drawn: {why}")] if why else []
 
 
+def coarse_warning(keys: dict[str, Any]) -> list[str]:
+    """Warning that a case is coarse; empty for other cases. `keys`: the case as in its file."""
+    if not str(keys.get("description", "")).startswith(COARSE):
+        return []
+    return ["The particles are coarse, for a first look: do not use these numbers for a design."]
+
+
 def _warnings(
     keys: dict[str, Any], case: Case | None, series: dict[str, np.ndarray], results: dict[str, float]
 ) -> list[str]:
     """Warnings about the reliability of the numbers on a page."""
     reached = series["time"][-1] if len(series.get("time", ())) else 0.0
-    rules = [
-        (
-            str(keys.get("description", "")).startswith(COARSE),
-            "This run is coarse, for a first look: do not use its numbers for a design.",
-        ),
-        (
-            not results,
-            f"The run has not ended: it has reached t = {reached:.4g} s, and there are no results yet.",
-        ),
-    ]
-    found = [text for holds, text in rules if holds]
+    found = coarse_warning(keys)
+    if not results:
+        found.append(
+            f"The run has not ended: it has reached t = {reached:.4g} s, and there are no results yet."
+        )
     found += [doubt.text for doubt in doubts(results, bool(keys.get("waves")))]
     return [*found, *([] if case is None else case.notices(ended=bool(results)))]
 
@@ -154,7 +155,7 @@ def _warnings(
 def _result_rows(
     results: dict[str, float], flat: bool, own: Mapping[str, Sequence[str]]
 ) -> list[dict[str, Any]]:
-    errors = {"xi": _standard_error(results)}
+    errors = {"xi": results.get("xi_error")}
     rows = []
     for name in in_order(results, own):
         label, error = label_of(name, flat, own), errors.get(name)
@@ -178,15 +179,8 @@ def _answer(rows: list[dict[str, Any]]) -> dict[str, str] | None:
     if not rows or rows[0]["group"] != Group.DEVICE:
         return None
     expected = next((row["value"] for row in rows if row["name"] == linear(rows[0]["name"])), "")
-    return {name: rows[0][name] for name in ("label", "value", "unit")} | {"expected": expected}
-
-
-def _standard_error(results: dict[str, float]) -> float | None:
-    """Standard error of the efficiency (-), from its scatter between periods or as given for a sea; None if
-    unknown."""
-    if "xi_scatter" in results and "periods" in results:
-        return results["xi_scatter"] / max(results["periods"], 1.0) ** 0.5
-    return results.get("xi_error")
+    note = "± from the changes within this run only" if "±" in rows[0]["value"] else ""
+    return {name: rows[0][name] for name in ("label", "value", "unit")} | {"expected": expected, "note": note}
 
 
 def panels(

@@ -10,14 +10,17 @@ from jaxsph.model.rigid import SPACES, space_with
 from jaxsph.output.hdf5 import Variable
 from jaxsph.problem.results import LINEAR
 
+_WHOLE = "times the ratio of the whole sea's incident power to that of the averaged part"
 _DEVICE = {
     "xi": Label(
         "hydrodynamic efficiency",
         "",
-        "absorbed over incident power of the target waves (energies for a wave group), ± standard error",
+        "absorbed over incident power of the target waves (energies for a wave group)",
     ),
     "xi_error": Label(
-        "  efficiency: standard error", "", "of the mean over a sea, from the fluctuations of the power"
+        "  efficiency: standard error",
+        "",
+        "from the changes within this run only; the error of the spacing is not included",
     ),
     "xi_scatter": Label(
         "  efficiency: scatter between periods",
@@ -30,8 +33,10 @@ _DEVICE = {
         "absorbed power over the incident power at the gauges",
     ),
     "capture_width": Label("capture width", "m", "absorbed power over incident power per metre of crest"),
-    "P_owc": Label("absorbed power", "W/m", "mean power of all power take-offs of a case with a turbine"),
+    "P_owc": Label("absorbed power", "W/m", "mean power of the turbines, and of the bodies' power take-offs"),
+    "P_owc_sea": Label("  absorbed power: in the whole sea", "W/m", _WHOLE),
     "P_pto": Label("absorbed power", "W/m", "mean power of the bodies' power take-offs"),
+    "P_pto_sea": Label("  absorbed power: in the whole sea", "W/m", _WHOLE),
 }
 _WAVES = {
     "periods": Label("periods averaged", "", "number of whole periods at the end of the run"),
@@ -87,7 +92,7 @@ _NUMERICS = {
     "noise": Label(
         "noise of the particles, relative to their speed",
         "",
-        "deviation of velocities from those of neighbours: below 0.1 in a good run",
+        "deviation of velocities from those of neighbours: below 0.1 in a good run, doubtful above 0.15",
     ),
     "t_end": Label("end of the run", "s"),
     "steps": Label("time steps"),

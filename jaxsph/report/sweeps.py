@@ -12,7 +12,7 @@ from jaxsph.case.linear import linear_owc, linear_sea, sea_is_linear
 from jaxsph.case.linear_bodies import has_free_bodies, linear_motions
 from jaxsph.errors import CaseError
 from jaxsph.output.sweep_file import StoredSweep, SweepFile, over_members
-from jaxsph.report.content import case_of, panels
+from jaxsph.report.content import case_of, coarse_warning, panels
 from jaxsph.report.doubts import doubts_of_members
 from jaxsph.report.labels import in_order, in_words, is_flat, label_of
 from jaxsph.report.pack import Pack
@@ -31,7 +31,11 @@ def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:
     flat = is_flat(keys)
     results = over_members(stored.members, stored.shape)
     search = any(name.startswith("slope ") for name in results)
+    matrix = list(stored.axes) == ["waves.Hs", "waves.Tp", "waves.seed"]
     members = [_member(stored, index, flat, pack) for index in sorted(stored.members)]
+    if matrix:
+        for one in members:
+            one["results"] = _of_the_sea(one["results"])
     waiting = int(np.prod(stored.shape)) - len(members)
     failed = [one for one in members if one["failure"]]
     warnings = [f"{one['place']}: failed: {one['failure'].splitlines()[0]}" for one in failed]
@@ -43,9 +47,9 @@ def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:
         [one["results"] for one in members if not one["failure"]], bool(keys.get("waves"))
     )
     warnings += [] if case is None else case.notices()
+    warnings += coarse_warning(keys)
     ordered = in_order(results, stored.meanings.labels)
     shown = [name for name in ordered if not name.startswith(("slope ", "error "))]
-    matrix = list(stored.axes) == ["waves.Hs", "waves.Tp", "waves.seed"]
     own = stored.meanings.first(shown)
     first = next(
         (n for n in (*FIRST[not matrix : 2], own, *FIRST[2:]) if n in shown), shown[0] if shown else ""
@@ -61,7 +65,26 @@ def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:
         "first": first,
         "choices": [{"name": n, **label_of(n, flat, stored.meanings.labels)._asdict()} for n in shown],
         "warnings": warnings,
+        "answer": stored.answer or (None if search or matrix else _largest(members, first, flat, stored)),
         "case": stored.case_toml,
+    }
+
+
+def _largest(
+    members: list[dict[str, Any]], first: str, flat: bool, stored: StoredSweep
+) -> dict[str, str] | None:
+    """Largest value of the result that is shown first, and the member that has it; None if no member has."""
+    there = [one for one in members if first in one["results"]]
+    if not there:
+        return None
+    best = max(there, key=lambda one: one["results"][first])
+    label, theory = label_of(first, flat, stored.meanings.labels), best["linear"].get(first)
+    return {
+        "label": f"largest {label.text.strip()}",
+        "value": in_words(best["results"][first]),
+        "unit": f"{label.unit} at {best['place']}".strip(),
+        "expected": "" if theory is None else in_words(theory),
+        "note": "",
     }
 
 
@@ -94,6 +117,12 @@ def _member(stored: StoredSweep, index: int, flat: bool, pack: Pack) -> dict[str
         "failure": one["failure"],
         "panels": panels(one["series"], stored.meanings.variables, {}, pack),
     }
+
+
+def _of_the_sea(results: dict[str, float]) -> dict[str, float]:
+    """Results in which powers of the averaged part of a sea are replaced by those of the whole sea."""
+    whole = {name.removesuffix("_sea"): value for name, value in results.items() if name.endswith("_sea")}
+    return results | whole
 
 
 def _linear(stored: StoredSweep, at: dict[str, float]) -> dict[str, float]:

@@ -44,7 +44,7 @@ _switch = {"on": False}
 class Lowered(NamedTuple):
     """A lowered program for one structure of its arguments."""
 
-    call: Callable[..., list[jax.Array]]
+    call: Callable[..., Any]
     """Function of `n_steps` and of the leaves of model, state and probes."""
     readings: tuple[str, ...]
     """Names of the readings, whose arrays follow the leaves of the state in the result."""

@@ -95,5 +95,9 @@ def parameter_value(source: Source, parameter: str) -> float:
 
 def check_result(problem: Problem, of: str) -> None:
     """**Raises** CaseError if runs of the problem do not have the result `of`."""
-    if of not in problem.labels:
+    if of in problem.labels:
+        return
+    try:
         problem.mean_of_power(of)
+    except CaseError as error:
+        raise CaseError(f"{error}. Other results of this case: {', '.join(problem.labels)}") from None

@@ -121,6 +121,12 @@ class PowerMatrix:
         P, error = (np.where(weight > 0.0, a, 0.0) for a in (self.P, self.error))
         return Mean(float(np.sum(weight * P)), float(np.sqrt(np.sum((weight * error) ** 2))))
 
+    def annual_linear(self, table: ScatterTable) -> float:
+        """Mean power over the year of a scatter table by linear theory, W/m; NaN if the theory does not cover
+        the case."""
+        weight = self._weights(table)
+        return float(np.sum(weight * np.where(weight > 0.0, self.linear, 0.0)))
+
     def _weights(self, table: ScatterTable) -> NDArray[np.float64]:
         """Weight of every cell in the mean over a scatter table, `[Hs, Tp]`."""
         table.check_within(self.Hs, self.Tp)
@@ -170,7 +176,8 @@ def power_matrix(
     if not isinstance(case, Case) or case.waves is None or case.waves.kind != "irregular":
         raise CaseError(
             "a power matrix varies waves.Hs, waves.Tp and waves.seed: give a case with "
-            'waves.kind = "irregular"'
+            'waves.kind = "irregular", or change the waves with --set waves.kind=irregular '
+            "--set waves.Hs=0.04 --set waves.Tp=1.4"
         )
     if not 1 <= seeds <= MOST_MEMBERS:
         raise CaseError(f"seeds = {seeds}: must be from 1 to {MOST_MEMBERS}")

@@ -93,7 +93,7 @@ def _climb(
     z = np.log([parameter_value(source, name) for name in names])
     memory = optimiser.init(jnp.asarray(z))
     history: list[dict[str, float]] = []
-    reason = f"{evaluations} evaluations"
+    reason = f"the limit of {evaluations} evaluations was reached"
     for k in range(evaluations):
         here = {name: float(np.exp(a)) for name, a in zip(names, z, strict=True)}
         if k < len(known) and all(np.isclose(known[k][name], here[name], rtol=1e-6) for name in names):

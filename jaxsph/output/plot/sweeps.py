@@ -55,9 +55,7 @@ def _over_one(axes: dict[str, np.ndarray], results: dict[str, np.ndarray], of: s
     ax = figure.subplots()
     slopes = results.get(f"slope {name}")
     if slopes is None:
-        error = None
-        if of == "xi" and "xi_scatter" in results:
-            error = results["xi_scatter"] / np.sqrt(results["periods"])
+        error = results.get("xi_error") if of == "xi" else None
         order = np.argsort(x)
         ax.errorbar(
             x[order], y[order], None if error is None else error[order], fmt="o-", color=BLUE, capsize=2

@@ -92,12 +92,13 @@ function warnings() {
   return el("ul", { class: "warnings", "aria-label": "Warnings" }, ...all.map((text) => el("li", {}, text)));
 }
 
-// The first result of every run's device, beside its value by linear theory.
+// The main result of every run or sweep, beside its value by linear theory.
 function answer() {
-  const found = page.runs.filter((run) => run.answer);
+  const all = [...page.runs, ...page.sweeps], found = all.filter((one) => one.answer);
   if (!found.length) return null;
-  return el("ul", { class: "answer", "aria-label": "Main result" }, ...found.map((run) => el("li", {}, page.runs.length > 1 ? `${run.label}: ` : "", `${run.answer.label} `,
-    el("strong", {}, `${run.answer.value} ${run.answer.unit}`.trim()), run.answer.expected ? `; linear theory ${run.answer.expected}` : "")));
+  return el("ul", { class: "answer", "aria-label": "Main result" }, ...found.map((one) => el("li", {}, all.length > 1 ? `${one.label || one.name}: ` : "", `${one.answer.label} `,
+    el("strong", {}, `${one.answer.value} ${one.answer.unit}`.trim()), one.answer.expected ? `; linear theory ${one.answer.expected}` : "",
+    one.answer.note ? el("small", {}, ` (${one.answer.note})`) : "")));
 }
 
 function results() {

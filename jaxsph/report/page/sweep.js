@@ -62,8 +62,7 @@ class Map2 {
   }
 
   error(one) {
-    const { xi_error, xi_scatter, periods } = one.results;
-    return xi_error ?? (xi_scatter !== undefined ? xi_scatter / Math.sqrt(Math.max(periods, 1)) : 0);
+    return one.results.xi_error ?? 0;
   }
 
   // Standard error of a member's own mean over its sea.
