@@ -16,6 +16,7 @@ from jaxsph.report.content import case_of, coarse_warning, panels
 from jaxsph.report.doubts import doubts_of_members
 from jaxsph.report.labels import in_order, in_words, is_flat, label_of
 from jaxsph.report.pack import Pack
+from jaxsph.study.matrix import of_the_sea
 
 MOST_LINEAR = 100
 """Number of members above which linear theory is not evaluated."""
@@ -35,10 +36,11 @@ def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:
     members = [_member(stored, index, flat, pack) for index in sorted(stored.members)]
     if matrix:
         for one in members:
-            one["results"] = _of_the_sea(one["results"])
+            one["results"] = {name: float(value) for name, value in of_the_sea(one["results"]).items()}
     waiting = int(np.prod(stored.shape)) - len(members)
     failed = [one for one in members if one["failure"]]
-    warnings = [f"{one['place']}: failed: {one['failure'].splitlines()[0]}" for one in failed]
+    warnings = coarse_warning(keys)
+    warnings += [f"{one['place']}: failed: {one['failure'].splitlines()[0]}" for one in failed]
     if waiting:
         has = "has" if waiting == 1 else "have"
         warnings.insert(0, f"{waiting} of {waiting + len(members)} members {has} not ended yet.")
@@ -47,7 +49,6 @@ def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:
         [one["results"] for one in members if not one["failure"]], bool(keys.get("waves"))
     )
     warnings += [] if case is None else case.notices()
-    warnings += coarse_warning(keys)
     ordered = in_order(results, stored.meanings.labels)
     shown = [name for name in ordered if not name.startswith(("slope ", "error "))]
     own = stored.meanings.first(shown)
@@ -117,12 +118,6 @@ def _member(stored: StoredSweep, index: int, flat: bool, pack: Pack) -> dict[str
         "failure": one["failure"],
         "panels": panels(one["series"], stored.meanings.variables, {}, pack),
     }
-
-
-def _of_the_sea(results: dict[str, float]) -> dict[str, float]:
-    """Results in which powers of the averaged part of a sea are replaced by those of the whole sea."""
-    whole = {name.removesuffix("_sea"): value for name, value in results.items() if name.endswith("_sea")}
-    return results | whole
 
 
 def _linear(stored: StoredSweep, at: dict[str, float]) -> dict[str, float]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy  # which imports its subpackages on first use
@@ -199,6 +200,17 @@ def power_matrix(
     return matrix_of(done)
 
 
+def of_the_sea(results: Mapping[str, Any]) -> dict[str, Any]:
+    """Results in which the powers of runs over a part of a sea are scaled to the power of the whole sea.
+
+    The values are numbers, or arrays over the members of a sweep.
+    """
+    part, whole = (np.asarray(results.get(name, np.nan), float) for name in ("P_inc", "P_inc_sea"))
+    ratio = np.where(np.isfinite(whole), whole / part, 1.0)
+    powers = {name: results[name] * ratio for name in ("P_inc", "P_owc", "P_pto") if name in results}
+    return {**results, **powers}
+
+
 def _first_failure(done: Sweep) -> str:
     """End of an error message: the number of failed runs, and why the first failed; empty if none failed."""
     if not done.failures:
@@ -224,14 +236,12 @@ def matrix_of(done: Sweep) -> PowerMatrix:
             "no run gave an absorbed power: check that the runs have not failed, that a device has a "
             f"damping, and that t1 is long enough{_first_failure(done)}"
         )
-    powers = done.results[named[0]]
+    results = of_the_sea(done.results)
+    powers = results[named[0]]
     # in three dimensions there is neither an efficiency nor its error
     unknown = np.full(powers.shape, np.nan)
-    efficiency, xi_error = (done.results.get(name, unknown) for name in ("xi", "xi_error"))
-    # a run over a part of the sea has the waves of this part: scale its power to that of the whole sea
-    incident, whole = done.results["P_inc"], done.results.get("P_inc_sea", unknown)
-    whole = np.where(np.isfinite(whole), whole, incident)
-    powers, within = powers * (whole / incident), xi_error * whole
+    efficiency, xi_error = (results.get(name, unknown) for name in ("xi", "xi_error"))
+    within = xi_error * results["P_inc"]
     count = np.sum(np.isfinite(powers), axis=2)
     known = np.maximum(count, 1)
     P = np.where(count > 0, np.nansum(powers, axis=2) / known, np.nan)

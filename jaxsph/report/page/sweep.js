@@ -27,7 +27,7 @@ class Map2 {
   }
 
   layout(x, y) {
-    return { ...baseLayout(), height: 420, margin: { l: 80, r: 20, t: 20, b: 60 }, showlegend: false, clickmode: "event",
+    return { ...baseLayout(), height: 420, margin: { l: 80, r: 20, t: 40, b: 60 }, showlegend: false, clickmode: "event",
       xaxis: { ...axisStyle(), title: { text: x }, zeroline: false }, yaxis: { ...axisStyle(), title: { text: y }, zeroline: false } };
   }
 
@@ -57,7 +57,7 @@ class Map2 {
     }
     const layout = this.layout(axes[0].name, this.label());
     layout.showlegend = linear.length > 0;
-    layout.legend = { x: 1, xanchor: "right", y: 1, bgcolor: "rgba(0,0,0,0)" };
+    layout.legend = { orientation: "h", x: 0, y: 1.01, yanchor: "bottom", bgcolor: "rgba(0,0,0,0)" }; // beside the toolbar
     return { traces, layout };
   }
 
