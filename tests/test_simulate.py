@@ -565,7 +565,8 @@ def test_efficiency_is_of_the_asked_and_of_the_measured_waves():
     results, _ = run_results(*_ended(BRIEF, [2.0, 2.3, 2.75]), 1.0, 100)
     assert results["P_inc_measured"] == pytest.approx(results["P_inc"], rel=1e-4)
     assert results["xi_measured"] == pytest.approx(results["xi"], rel=1e-4)
-    assert "xi_error" not in results
+    assert results["periods"] > 1
+    assert results["xi_error"] == pytest.approx(results["xi_scatter"] / np.sqrt(results["periods"]))
 
 
 def test_results_of_a_sea_have_errors_and_its_measured_height():

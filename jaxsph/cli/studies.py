@@ -367,10 +367,8 @@ def _print_matrix(done: Any, scatter: Any, out: Path) -> CaseError | None:
         over = "year" if scatter.hours is None else f"{scatter.hours:,.0f} h of the table"
         try:
             mean = done.annual(scatter)
-            error, theory = (
-                "" if math.isnan(mean.error) else f" +- {mean.error:.1g}",
-                done.annual_linear(scatter),
-            )
+            error = "" if math.isnan(mean.error) else f" +- {mean.error:.1g}"
+            theory = done.annual_linear(scatter)
             linear = "" if math.isnan(theory) else f"{theory:.3g}"
             value = f"{mean.value:.3g}{error}"
             rows.append(

@@ -11,6 +11,7 @@ from jaxsph.case.case import Case
 from jaxsph.case.linear import linear_owc, linear_sea, sea_is_linear
 from jaxsph.case.linear_bodies import has_free_bodies, linear_motions
 from jaxsph.errors import CaseError
+from jaxsph.model.meaning import Group
 from jaxsph.output.sweep_file import StoredSweep, SweepFile, over_members
 from jaxsph.report.content import case_of, coarse_warning, panels
 from jaxsph.report.doubts import doubts_of_members
@@ -74,12 +75,14 @@ def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:
 def _largest(
     members: list[dict[str, Any]], first: str, flat: bool, stored: StoredSweep
 ) -> dict[str, str] | None:
-    """Largest value of the result that is shown first, and the member that has it; None if no member has."""
+    """Largest value of the result that is shown first, and the member that has it; None if no member has it,
+    or if it only concerns the numerics."""
     there = [one for one in members if first in one["results"]]
-    if not there:
+    label = label_of(first, flat, stored.meanings.labels)
+    if not there or label.group == Group.NUMERICS:
         return None
     best = max(there, key=lambda one: one["results"][first])
-    label, theory = label_of(first, flat, stored.meanings.labels), best["linear"].get(first)
+    theory = best["linear"].get(first)
     return {
         "label": f"largest {label.text.strip()}",
         "value": in_words(best["results"][first]),
