@@ -113,7 +113,7 @@ def over_periods(
     theory, each `[len(values), len(periods)]`. The theoretical xi is NaN over a bed that is not flat.
     """
     study = swept(case, {key: list(values), "waves.T": list(periods)}, report.name)
-    xi, error = study["xi"], study["xi_scatter"] / np.sqrt(study["periods"])
+    xi, error = study["xi"], study["xi_error"]
 
     def linear(a: float, T: float) -> float:
         changed = case.replace({key: a, "waves.T": T})

@@ -153,7 +153,7 @@ def _read(case: js.Case, file: RunFile) -> Found:
     periods = int(results.get("periods", 0))
     if periods < 1:
         raise ValueError(f"the run to {results['t_end']:g} s has no settled period: choose a longer t1")
-    values, errors = {"xi": results["xi"]}, {"xi": results["xi_scatter"] / np.sqrt(periods)}
+    values, errors = {"xi": results["xi"]}, {"xi": results["xi_error"]}
     for name in ("P_a", "flow"):
         values[name], errors[name] = _amplitude(series, name, case.waves.T, periods)
     # after an interruption `wall_seconds` covers the last process only; its rate is used for all processes

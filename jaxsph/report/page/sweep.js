@@ -40,7 +40,7 @@ class Map2 {
     const traces = [{
       x, y, customdata: there.map((one) => [one.index]), mode: search ? "markers+lines+text" : "markers+lines", name: this.label(),
       text: search ? there.map((_, k) => `${k + 1}`) : undefined, textposition: "top right",
-      error_y: this.of === "xi" && !search ? { type: "data", array: there.map((one) => this.error(one)), thickness: 1 } : undefined,
+      error_y: this.of === "xi" && !search ? { type: "data", array: there.map((one) => one.results.xi_error ?? 0), thickness: 1 } : undefined,
       marker: { size: 9, color: colours[0] }, line: { width: 1.2, dash: search ? "dot" : "solid", color: colours[0] },
       hovertemplate: there.map((one) => `${one.place}<br>${this.label()} = %{y:.4g}<extra></extra>`),
     }];
@@ -59,10 +59,6 @@ class Map2 {
     layout.showlegend = linear.length > 0;
     layout.legend = { orientation: "h", x: 0, y: 1.01, yanchor: "bottom", bgcolor: "rgba(0,0,0,0)" }; // beside the toolbar
     return { traces, layout };
-  }
-
-  error(one) {
-    return one.results.xi_error ?? 0;
   }
 
   // Standard error of a member's own mean over its sea.
