@@ -7,6 +7,7 @@ from conftest import enable_x64, exact_and_difference
 import jaxsph as js
 from jaxsph.case.case import Case
 from jaxsph.errors import CaseError
+from jaxsph.schemes.incompressible import ISPH
 
 TANK = {"dx": 0.05, "t1": 1.0, "tank": {"length": 2.0, "depth": 0.5}, "scheme": {"kind": "incompressible"}}
 BODY = {
@@ -62,7 +63,10 @@ def test_a_name_of_a_body_and_a_link_at_once_is_refused():
             {"body": BODY | {"pto": {"damping": 1.0}}, "link": {"pto": HEAVE}},
             "link.pto and body.pto have the same",
         ),
-        ({"body": BODY, "link": {"projection": HEAVE}}, "link.projection: the names .* are reserved"),
+        *(
+            ({"body": BODY, "link": {name: HEAVE}}, f"link.{name}: the names .* are reserved")
+            for name in ISPH.of(0.02, 1.0, dim=2).entries()
+        ),
         ({"bodies": {"tank": BODY}}, "bodies.tank: the names .* are reserved"),
     ],
 )

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from jaxsph.core.kernels import Gaussian, Semicircle, WendlandC2
 from jaxsph.core.native import forms, functions
 from jaxsph.core.native.translation import COMPARISONS, RULES
-from jaxsph.core.pairs import Smoothing, pair_sum, pair_weights, with_empty
+from jaxsph.core.pairs import Smoothing, pair_sum, pair_weights, weighted_sum, with_empty
 from jaxsph.core.search.cells import grid_over, search
 from jaxsph.model import laws
 from jaxsph.schemes.kernels import KERNEL, usual_length
@@ -155,11 +155,36 @@ def test_weights_agree_in_every_slot():
     _agree(*_both(_weights, _fields(2), _smoothing(2), _table(COUNTS[2])), 1e-5)
 
 
-@pytest.mark.parametrize("function", ["sum", "weights"])
+def _weighted(fields, smoothing, table):
+    """Weighted sum of a field over all neighbours, with weights that depend on other fields."""
+    sources = with_empty(fields)
+    return weighted_sum(_weights(fields, smoothing, table)[1], sources["p"] * sources["V"], table)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_weighted_sums_agree(dim):
+    _agree(*_both(_weighted, _fields(dim), _smoothing(dim), _table(COUNTS[dim])), 1e-5)
+    with enable_x64():
+        fields = _fields(dim, dtype=np.float64)
+        smoothing = _smoothing(dim, KERNEL[dim], np.float64)
+        _agree(*_both(_weighted, fields, smoothing, _table(COUNTS[dim])), 1e-13)
+
+
+def test_a_weighted_sum_can_be_transposed_in_the_form_of_jax():
+    fields, smoothing, table = _fields(2), _smoothing(2), _table(COUNTS[2])
+    weights, n = _weights(fields, smoothing, table)[1], COUNTS[2] + 1
+    with forms.switched(False):
+        transposed = jax.linear_transpose(lambda f: weighted_sum(weights, f, table), jnp.zeros(n))
+        (back,) = transposed(jnp.ones(COUNTS[2]))
+    expected = np.bincount(np.ravel(table), np.ravel(weights), n)
+    np.testing.assert_allclose(back, expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("function", ["sum", "weights", "weighted"])
 def test_derivatives_agree(function):
     def summed(fields, smoothing, table):
-        if function == "weights":
-            return _weights(fields, smoothing, table)
+        if function != "sum":
+            return {"weights": _weights, "weighted": _weighted}[function](fields, smoothing, table)
         return pair_sum(laws.pressure_force, smoothing, fields, with_empty(fields), table)
 
     fields, smoothing, table = _fields(2), _smoothing(2), _table(COUNTS[2])
@@ -184,6 +209,7 @@ def test_lanes_of_a_batch_agree():
         return pair_sum(laws.pressure_force, smoothing, fields, with_empty(fields), table)
 
     _agree(*_both(jax.vmap(summed), several), 1e-5)
+    _agree(*_both(jax.vmap(lambda fields: _weighted(fields, smoothing, table)), several), 1e-5)
 
 
 def test_few_targets_and_untranslatable_laws_use_the_form_of_jax():
@@ -336,6 +362,18 @@ def test_searches_in_float64_list_the_same_neighbours():
         jaxs, natives = _both(lambda x: search(x, x, grid, 60, ones, ones, same=True), x)
     np.testing.assert_array_equal(jaxs.indices, natives.indices)
     assert int(jaxs.most) == int(natives.most) > 8
+
+
+@given(st.lists(st.booleans(), min_size=1, max_size=70), st.integers(1, 90))
+@settings(max_examples=30, deadline=None)
+def test_the_true_elements_of_a_mask_are_listed_in_order(mask, size):
+    mask = np.array(mask)
+    expected = np.full(size, len(mask))
+    listed = np.flatnonzero(mask)[:size]
+    expected[: len(listed)] = listed
+    for on in (True, False):
+        with forms.switched(on):
+            np.testing.assert_array_equal(forms.true_indices(jnp.asarray(mask), size), expected)
 
 
 def test_positions_that_are_not_numbers_do_no_harm():

@@ -52,7 +52,7 @@ def main(dx: float = 0.02) -> None:
             )
             count = len(way.history)
             report.row(f"from K_dm = {start:g}: evaluations", count, bar="at most 10", passes=count <= 10)
-            report.row(f"from K_dm = {start:g}: reason for the end", way.reason)
+            report.row(f"from K_dm = {start:g}: reason for stopping", way.reason)
         figure = Figure(figsize=(6, 4), layout="constrained")
         axis = figure.subplots()
         axis.plot(fit.K, fit.xi, "k.", label="runs of the sweep")

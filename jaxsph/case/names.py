@@ -6,7 +6,9 @@ from jaxsph.case.sections import DEVICE_CHAMBER, ONLY_BODY, TANK, Sections
 from jaxsph.errors import CaseError
 from jaxsph.model.consistency import RESERVED
 
-TAKEN = ("body", "chamber", "paddle", "rim", "sponge", "zone", TANK, "contact", "projection")
+LOSSES = ("contact", "hyperviscosity", "projection", "separation", "viscous")
+"""Names of the energies that the water itself loses."""
+TAKEN = ("body", "chamber", "paddle", "rim", "sponge", "zone", TANK, *LOSSES)
 """Names that the program itself gives to parts, and that a case must not give to other parts."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -44,7 +45,8 @@ def first_blocks(count: jax.Array) -> Callable[..., tuple[Any, Any]]:
         def add(k, carry):
             state, readings = carry
             state, reading = block(state, None)
-            return state, jax.tree.map(lambda all, one: all.at[k].set(one), readings, reading)
+            put = functools.partial(jax.lax.dynamic_update_index_in_dim, index=k, axis=0)
+            return state, jax.tree.map(put, readings, reading)
 
         readings = jax.tree.map(lambda a: jnp.zeros((n_blocks, *a.shape), a.dtype), shapes)
         return jax.lax.fori_loop(0, count, add, (state, readings))

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Components, Float, Int, Scalar, dot
 from jaxsph.core.kernels import AbstractKernel
-from jaxsph.core.native.forms import available, native_loop
+from jaxsph.core.native.forms import available, native_loop, native_weighted_sum
 from jaxsph.core.transforms import any_lane, gather, gather_linearly, keep
 
 Fields = Any
@@ -169,14 +169,19 @@ def weighted_sum(
     units of `weights` and f.
 
     The last of the M values of f belongs to the empty source. This value may be any number, because its
-    weights are zero.
+    weights are zero. Only JAX's form of this sum can be transposed (`forms.switched`).
     """
 
-    def add(total, row):
-        weight, slot = row
-        return total + weight * gather_linearly(f, slot), None
+    def by_jax(table, weights, f):
+        def add(total, row):
+            weight, slot = row
+            return total + weight * gather_linearly(f, slot), None
 
-    return slot_loop().over(add, jnp.zeros(weights.shape[1], f.dtype), (weights, table))[0]
+        return slot_loop().over(add, jnp.zeros(weights.shape[1], f.dtype), (weights, table))[0]
+
+    if native := native_weighted_sum(table, weights, f):
+        return _preferred(native, by_jax, by_jax, table, (weights, f), (weights, f))
+    return by_jax(table, weights, f)
 
 
 def _terms(law, smoothing, targets, sources, take):

@@ -14,7 +14,7 @@ from __future__ import annotations
 import abc
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -39,22 +39,12 @@ __all__ = [
     "AbstractOutlet",
     "AbstractScheme",
     "AbstractTangents",
-    "Dissipation",
     "ExactTangents",
     "Model",
 ]
 
 
 # --------------------------------------------------------------------------- the water
-
-
-class Dissipation(NamedTuple):
-    """Power lost by the dissipative terms of the scheme, W (W/m in 2-D); a loss is positive."""
-
-    viscous: Scalar
-    """Power lost by viscosity, W (W/m in 2-D)."""
-    diffusive: Scalar
-    """Power lost by density diffusion, W (W/m in 2-D)."""
 
 
 class AbstractScheme(eqx.Module):
@@ -109,9 +99,14 @@ class AbstractScheme(eqx.Module):
     def compression(self, p: Particles) -> Scalar:
         """Energy stored by compression of the water, J (J/m in 2-D)."""
 
-    @abc.abstractmethod
-    def dissipation(self, model: Model, state: State, tables: Tables) -> Dissipation:
-        """Power lost by the dissipative terms of the scheme, W (W/m in 2-D)."""
+    def losses(self) -> Mapping[str, str]:
+        """Meanings of the powers that `dissipation` computes, by name; by default there are none."""
+        return {}
+
+    def dissipation(self, model: Model, state: State, tables: Tables) -> Mapping[str, Scalar]:
+        """Powers lost in terms whose energies are not in the ledger, by name, W (W/m in 2-D)."""
+        del model, state, tables
+        return {}
 
     def volume(self, p: Particles) -> Float[Array, " N"]:
         """Volume of every particle, m3 (m2 in 2-D)."""

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.core.arrays import Array, Components, Float, Scalar, columns
+from jaxsph.core.native.forms import true_indices
 from jaxsph.model import laws
 from jaxsph.model.air import AbstractFrame, AbstractPTO, Air, AirCoupling, Given, Pressed
 from jaxsph.model.interfaces import AbstractChamber, AbstractGrip
@@ -199,8 +200,7 @@ class Chamber(AbstractChamber):
         first, last = self.sides.ends()
         near = (x[0] > first - margin) & (x[0] < last + self.beyond + margin)
         may = near & (x[-1] > self.fade_low - margin)
-        index = jnp.nonzero(may, size=capacity, fill_value=len(x[0]))[0]
-        return index.astype(jnp.int32), jnp.sum(may)
+        return true_indices(may, capacity), jnp.sum(may)
 
     def coupling(self, scheme, water, sources, tables, parts):
         """See `AbstractChamber`."""

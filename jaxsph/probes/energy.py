@@ -18,8 +18,9 @@ class EnergyProbe(AbstractProbe):
     """Probe of energies, powers, largest speed and active limiters.
 
     Potential and compression energy are relative to the initial state, but kinetic energy is not.
-    Powers from the ledger are means over all steps since the last sample. The powers of viscosity and density
-    diffusion are those at the time of the sample. `PartProbe` gives the power of a power take-off.
+    Powers from the ledger are means over all steps since the last sample. Powers that the scheme does not add
+    to the ledger (`AbstractScheme.losses`) are those at the time of the sample. `PartProbe` gives the power
+    of a power take-off.
     """
 
     sample_dt: Scalar
@@ -30,6 +31,8 @@ class EnergyProbe(AbstractProbe):
     """Potential energy of water (due to the body forces), bodies and links at the start, J (J/m in 2-D)."""
     entries: tuple[tuple[str, Entry], ...] = eqx.field(static=True)
     """Names and meanings of the energies in the model's ledger."""
+    losses: tuple[tuple[str, str], ...] = eqx.field(static=True)
+    """Names and meanings of the lost powers that are not in the ledger."""
     limiters: tuple[tuple[str, str], ...] = eqx.field(static=True)
     """Names of the limiters of the model's scheme, and the effect of each limiter on a particle."""
     dim: int = eqx.field(static=True, default=2)
@@ -38,10 +41,11 @@ class EnergyProbe(AbstractProbe):
     @classmethod
     def over(cls, model: Model, state: State, sample_dt: Scalar) -> EnergyProbe:
         """Builds the probe with energies relative to `state`, for samples `sample_dt` (s) apart."""
-        entries, limiters = tuple(model.entries().items()), tuple(model.scheme.limiters().items())
+        entries, scheme = tuple(model.entries().items()), model.scheme
+        losses, limiters = tuple(scheme.losses().items()), tuple(scheme.limiters().items())
         compression0 = model.scheme.compression(state.particles)
         potential0 = jnp.asarray(_held(model, state)[1], model.dt.dtype)
-        return cls(sample_dt, compression0, potential0, entries, limiters, len(model.g))
+        return cls(sample_dt, compression0, potential0, entries, losses, limiters, len(model.g))
 
     @staticmethod
     def held(model: Model, state: State) -> tuple[Scalar | float, Scalar | float]:
@@ -79,8 +83,7 @@ class EnergyProbe(AbstractProbe):
             "compression": model.scheme.compression(p) - self.compression0,
             "power_paddle": given / self.sample_dt,
             **powers,
-            "loss_viscous": lost.viscous,
-            "loss_diffusive": lost.diffusive,
+            **{f"loss_{name}": lost[name] for name, _ in self.losses},
             "max_speed": jnp.sqrt(jnp.max(speed2)),
             **{f"limited_{name}": state.limits[name].recent / steps for name, _ in self.limiters},
         }
@@ -102,8 +105,7 @@ class EnergyProbe(AbstractProbe):
                 for name, entry in self.entries
                 if entry.exchange is Exchange.TAKEN
             },
-            "loss_viscous": Reading(power, "viscous dissipation", group="energy"),
-            "loss_diffusive": Reading(power, "dissipation by the density diffusion", group="energy"),
+            **{f"loss_{name}": Reading(power, what, group="energy") for name, what in self.losses},
             "max_speed": Reading("m s-1", "largest speed of a particle"),
             **{
                 f"limited_{name}": Reading("1", f"share of particles, {mean}: {what}")

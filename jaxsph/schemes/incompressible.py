@@ -17,7 +17,7 @@ from jaxsph.core.pairs import Pair, Period, Smoothing
 from jaxsph.core.parts import Part
 from jaxsph.core.slabs import Sources
 from jaxsph.model import laws
-from jaxsph.model.interfaces import AbstractGrip, Dissipation, Model
+from jaxsph.model.interfaces import AbstractGrip, Model
 from jaxsph.model.meaning import Entry
 from jaxsph.model.regularisation import HYPERVISCOSITY, SEPARATION, Regularisation, regularisations
 from jaxsph.model.shifting import Shifting
@@ -181,6 +181,7 @@ class ISPH(AbstractParticleScheme):
     def entries(self):
         """See `AbstractScheme.entries`."""
         return {
+            "viscous": Entry("energy lost by viscosity"),
             "contact": Entry("energy lost in the contact of water with solids"),
             "projection": Entry("pressure work that neither water nor solids receive; may be negative"),
             **{name: entry for one in self.regularisation for name, entry in one.entries().items()},
@@ -202,7 +203,8 @@ class ISPH(AbstractParticleScheme):
         interval = move_walls(self, model, state, dt)
         push = spring_acceleration(model, state.parts, p, self._contact(model))
         ghosts = self.place_ghosts(model, state, tables)
-        u = p.u + dt * (self._viscous(model, state, tables, ghosts) + push)
+        sheared = dt * self._viscous(model, state, tables, ghosts)
+        u = p.u + sheared + dt * push
         # start from the air pressure of the previous step; the change follows after the projection
         airs = couple_airs(self, model, p, ghosts.water, tables, state.parts)
         before = {name: state.parts[name].P_a for name in airs}
@@ -237,7 +239,7 @@ class ISPH(AbstractParticleScheme):
         pressures, u_new, pressed = found.pressures, found.u, pressed + found.pressed
         if airs:
             ghosts = ghosts.seeing(tables, p=pressures.p)._replace(p=pressures.p_ghosts)
-        changes = Changes(u_new, pressed, touched, damped)
+        changes = Changes(u_new, sheared, pressed, touched, damped)
         couplings = under_air(projected.couplings, found.on_bodies)
         projected = projected._replace(pressures=pressures, couplings=couplings)
         parts, ledger = self._exchange(model, state, at, tables, ghosts, interval, projected, changes)
@@ -294,10 +296,11 @@ class ISPH(AbstractParticleScheme):
         parts |= model.mechanism.drifted(parts, interval.middle, 0.5 * dt)
         given = done.by_pressure - sum(work.values(), jnp.zeros_like(dt))  # to solids, by pressure
         mean = 0.5 * (changes.u + p.u)
-        contact, lost = (
-            -jnp.sum(p.m * jnp.sum(mean * change, axis=1)) for change in (changes.touched, changes.pressed)
+        viscous, contact, lost = (
+            -jnp.sum(p.m * jnp.sum(mean * change, axis=1))
+            for change in (changes.sheared, changes.touched, changes.pressed)
         )
-        amounts = {"contact": contact - done.by_touch, "projection": lost - given}
+        amounts = {"viscous": viscous, "contact": contact - done.by_touch, "projection": lost - given}
         amounts |= work | done.amounts | exchanged(model, p, mean, changes.damped)
         return parts, book(state.ledger, amounts)
 
@@ -436,12 +439,6 @@ class ISPH(AbstractParticleScheme):
         return Poisson(weights, tables.fluid, scale, diagonal, extra, free, *both, held)
 
     # ---------------------------------------------------------------- diagnostics
-
-    def dissipation(self, model, state, tables):
-        """See `AbstractScheme.dissipation`: this scheme has no density diffusion."""
-        p = state.particles
-        force = self._viscous(model, state, tables, self.place_ghosts(model, state, tables))
-        return Dissipation(-jnp.sum(p.m * jnp.sum(p.u * force, axis=1)), jnp.zeros_like(model.dt))
 
     def divergence(self, model: Model, state: State, tables: Tables) -> Float[Array, " N"]:
         """Divergence of the water's velocity at every particle, 1/s."""

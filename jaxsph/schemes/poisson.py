@@ -15,6 +15,7 @@ import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, Int, Scalar
 from jaxsph.core.loop import steps
+from jaxsph.core.native.forms import switched
 from jaxsph.core.parts import ITERATION
 
 Unknown = Any
@@ -100,23 +101,25 @@ class BiCGStab(AbstractSolver):
         rest, size = jax.tree.map(lambda a: a + nothing, (rest, size))
 
         def extended(unknown):
-            return operator(unknown[0]), unknown[1]
+            with switched(False):  # native forms cannot be transposed
+                return operator(unknown[0]), unknown[1]
 
-        def iterate(matvec, rhs):
+        def iterate(product, rhs):
             measure = jnp.where(rhs[1] > 0.0, rhs[1], _norm(rhs[0]))
             least = self.tolerance * measure
 
-            def inner(x):
-                return matvec((x, jnp.zeros_like(size)))[0]
-
-            x, residual = _bicgstab(inner, rhs[0], least, self.iterations)
+            x, residual = _bicgstab(product, rhs[0], least, self.iterations)
             return (x, rhs[1]), (
                 residual / jnp.where(measure > 0.0, measure, 1.0),
                 residual <= 1.001 * least,
             )  # the factor 1.001 allows for the rounding of a square root
 
         (change, _), (residual, converged) = jax.lax.custom_linear_solve(
-            extended, (rest, size), solve=iterate, transpose_solve=iterate, has_aux=True
+            extended,
+            (rest, size),
+            solve=lambda _, rhs: iterate(operator, rhs),
+            transpose_solve=lambda matvec, rhs: iterate(lambda x: matvec((x, jnp.zeros_like(size)))[0], rhs),
+            has_aux=True,
         )
         return jax.tree.map(jnp.add, start, change), residual, converged
 

@@ -89,6 +89,8 @@ class Changes(NamedTuple):
 
     u: Float[Array, "N D"]
     """Velocity at the end of the step, m/s."""
+    sheared: Float[Array, "N D"]
+    """Change of velocity due to viscosity, m/s."""
     pressed: Float[Array, "N D"]
     """Change of velocity due to the pressure, m/s."""
     touched: Float[Array, "N D"]

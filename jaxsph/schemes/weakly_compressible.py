@@ -26,7 +26,7 @@ from jaxsph.core.parts import Part
 from jaxsph.core.slabs import Sources
 from jaxsph.model import laws
 from jaxsph.model.background import Background
-from jaxsph.model.interfaces import AbstractGrip, Dissipation, Model
+from jaxsph.model.interfaces import AbstractGrip, Model
 from jaxsph.model.regularisation import (
     HYPERVISCOSITY,
     SEPARATION,
@@ -252,11 +252,12 @@ class DeltaSPH(AbstractRateScheme):
 
     # ---------------------------------------------------------------- diagnostics
 
-    def dissipation(self, model: Model, state: State, tables: Tables) -> Dissipation:
-        """Power dissipated by viscosity and density diffusion, W (W/m in 2-D).
+    def losses(self):
+        """See `AbstractScheme.losses`."""
+        return {"viscous": "viscous dissipation", "diffusive": "dissipation by the density diffusion"}
 
-        Source: energy balance of Antuono et al. 2015.
-        """
+    def dissipation(self, model, state, tables):
+        """See `AbstractScheme.dissipation`. Source: energy balance of Antuono et al. 2015."""
         p, sources = state.particles, self._sources_now(model, state, tables)
         grad_rho = self.momentum(model, p, sources, tables).grad_rho
         sources = _with_gradient(sources, grad_rho)
@@ -275,7 +276,7 @@ class DeltaSPH(AbstractRateScheme):
         rate = self.delta * self.smoothing.h * self.c0 * diffusion
         # d(e_c)/dt = p / rho^2 d rho/dt per unit mass
         loss_diffusive = -jnp.sum(V * laws.pressure(p.rho, self.c0) / rho * rate)
-        return Dissipation(loss_viscous, loss_diffusive)
+        return {"viscous": loss_viscous, "diffusive": loss_diffusive}
 
     def surface(self, model: Model, state: State, tables: Tables) -> Float[Array, " N"]:
         """Divergence of position (Eq. 15) in D dimensions: D in water, below `SURFACE` D at the surface."""

@@ -21,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.core.arrays import Array, Float, Int
+from jaxsph.core.native.forms import true_indices
 from jaxsph.solids.box import Box, Platform
 from jaxsph.solids.divisions import PLAIN
 from jaxsph.solids.placement import GhostSet, join
@@ -162,7 +163,7 @@ class Images(eqx.Module):
                 margin = 0.5 * (self.dx + skin)
                 near &= (images[:, axis] > low - margin) & (images[:, axis] < high + margin)
             size = one.rows[1] - one.rows[0]
-            rows.append(jnp.nonzero(near, size=size, fill_value=n)[0].astype(jnp.int32))
+            rows.append(true_indices(near, size))
             full |= jnp.sum(near) > size
         return jnp.concatenate(rows), full
 

@@ -89,6 +89,19 @@ def native_order(cells: Array, count: int) -> tuple[Array, Array] | None:
     return found[0], found[1]
 
 
+def true_indices(mask: Array, size: int) -> Array:
+    """Indices `[size]` of the true elements of a mask `[N]`, in order; the other entries are N.
+
+    True elements beyond the first `size` are left out.
+    """
+    count = len(mask)
+    if found := native_order(~mask, 2):
+        order, starts = found
+        order = jnp.pad(order, (0, max(size - count, 0)))[:size]
+        return jnp.where(jnp.arange(size) < starts[1], order, count)
+    return jnp.nonzero(mask, size=size, fill_value=count)[0].astype(jnp.int32)
+
+
 class Candidates(NamedTuple):
     """Targets of a search, their cells, and the sources by cell."""
 
@@ -182,6 +195,25 @@ def native_loop(
         called = jax.ffi.ffi_call(name, results, vmap_method="sequential")
         found = called(_int32(table), *held, *arguments)
         return list(found[:-1])
+
+    return call
+
+
+def native_weighted_sum(table: Array, weights: Array, f: Array) -> Callable[..., Array] | None:
+    """Function of (table, weights, f) for arguments of these types: the sums over the slots of
+    weights[k] f[table[k]], `[N]`. **Returns** None if there is no native form."""
+    if not available() or weights.dtype != f.dtype:
+        return None
+    from jaxsph.core.native.functions import register
+    from jaxsph.core.native.sums import WeightedLoop
+
+    loop = WeightedLoop(np.dtype(f.dtype))
+    if table.shape[1] < loop.together:
+        return None
+    name, result = register(loop.module), jax.ShapeDtypeStruct(table.shape[1:], f.dtype)
+
+    def call(table: Array, weights: Array, f: Array) -> Array:
+        return jax.ffi.ffi_call(name, result, vmap_method="sequential")(weights, f, _int32(table))
 
     return call
 

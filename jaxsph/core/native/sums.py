@@ -1,13 +1,15 @@
-"""Loop over a neighbour table that evaluates a translated pair law for several targets at a time.
+"""Loops over a neighbour table: sums of a translated pair law, and weighted sums with given weights.
 
-The fields of the sources are first copied into rows, so that the fields of a neighbour are adjacent in
-memory. For each group of targets, one per lane, the loop then goes through the table's slots. In each slot
-the rows of the lanes' neighbours are loaded and transposed into one vector per field, and the terms of the
-law are added to sums that stay in registers.
+Both loops compute the sums of several targets at a time, and the sums stay in registers. For a pair law the
+fields of the sources are first copied into rows, so that the fields of a neighbour are adjacent in memory.
+For each group of targets, one per lane, the loop then goes through the table's slots. In each slot the rows
+of the lanes' neighbours are loaded and transposed into one vector per field, and the terms of the law are
+added to the sums.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -16,10 +18,13 @@ from llvmlite import ir
 
 from jaxsph.core.native.calls import begin_call
 from jaxsph.core.native.translation import FUSED, translated
-from jaxsph.core.native.vectors import INDEX, Value, Vectors, scalar
+from jaxsph.core.native.vectors import INDEX, Value, Vectors, scalar, vector_bytes
 
 TOGETHER = 4
 """Number of fields that are loaded and transposed together."""
+
+ABREAST = 4
+"""Number of vectors of targets in a weighted sum; a slot's entries for them are adjacent in memory."""
 
 
 class PairLoop(NamedTuple):
@@ -75,7 +80,7 @@ class PairLoop(NamedTuple):
             zeros = [vectors.constant(0, kind) for kind in self.sums]
             with vectors.loop(INDEX(0), slots, 1, *zeros) as (slot, totals, new):
                 place = builder.add(builder.mul(slot, targets), at)
-                neighbours = self._neighbours(vectors, table, place)
+                neighbours = _slot(vectors, table, np.int32, place, lanes)
 
                 def terms(neighbours: Value = neighbours, mine: list[Value] = mine) -> list[Value]:
                     theirs = self._gathered(vectors, rows, neighbours)
@@ -86,10 +91,12 @@ class PairLoop(NamedTuple):
                     for a, kind, result in zip(
                         found[len(self.sums) :], self.weights, results[len(self.sums) :], strict=True
                     ):
+                        vectors.prefetch(result, kind, builder.add(place, INDEX(lanes)))
                         vectors.store(a, result, kind, place)
                     new += _sums(vectors, totals, found)
                 else:
-                    new += _sums_where_filled(vectors, totals, neighbours, empty, terms)
+                    filled = builder.icmp_unsigned("!=", neighbours, empty)
+                    new += _sums_where(vectors, totals, filled, terms)
             for total, kind, result in zip(totals, self.sums, results, strict=False):
                 vectors.store(total, result, kind, at)
         call.finish()
@@ -103,12 +110,6 @@ class PairLoop(NamedTuple):
             for k, field in enumerate(sources):
                 value = vectors.element(field, dtype, source)
                 builder.store(value, vectors.place(rows, dtype, builder.add(row, INDEX(k))))
-
-    def _neighbours(self, vectors: Vectors, table: Value, place: Value) -> Value:
-        """Indices of the lanes' sources in a slot, at a place in the table."""
-        found = vectors.load(table, np.int32, place)
-        vectors.prefetch(table, np.int32, vectors.builder.add(place, INDEX(vectors.lanes)))
-        return found
 
     def _gathered(self, vectors: Vectors, rows: Value, neighbours: Value) -> list[Value]:
         """Fields of the sources with these indices."""
@@ -135,6 +136,66 @@ class PairLoop(NamedTuple):
         return found[: len(self.sources)]
 
 
+class WeightedLoop(NamedTuple):
+    """Weighted sum over neighbours of a field of one type."""
+
+    dtype: np.dtype
+
+    @property
+    def lanes(self) -> int:
+        """Number of targets in a vector."""
+        return vector_bytes() // self.dtype.itemsize
+
+    @property
+    def together(self) -> int:
+        """Number of targets whose sums are computed together."""
+        return ABREAST * self.lanes
+
+    def module(self, name: str) -> ir.Module:
+        """Code of the loop as a function that XLA calls.
+
+        Its arguments are the weights `[K, N]`, the field of the sources `[M]` and the table `[K, N]`; its
+        result is the sums `[N]`. N must be at least `together`.
+        """
+        module, call = begin_call(name)
+        builder, vectors = call.builder, Vectors(call.builder, self.lanes)
+        weights, field, table = (call.argument(k) for k in range(3))
+        (slots, targets), (count,) = call.sizes(0, 2), call.sizes(1, 1)
+        last = builder.sub(targets, INDEX(self.together))
+        empty = vectors.spread(builder.trunc(builder.sub(count, INDEX(1)), ir.IntType(32)))
+        zeros = [vectors.constant(0, self.dtype)] * ABREAST
+        with vectors.loop(INDEX(0), targets, self.together) as (group, _, _):
+            at = builder.select(builder.icmp_signed("<", group, last), group, last)
+            with vectors.loop(INDEX(0), slots, 1, *zeros) as (slot, totals, new):
+                start = builder.add(builder.mul(slot, targets), at)
+                places = [builder.add(start, INDEX(k * self.lanes)) for k in range(ABREAST)]
+                neighbours = [_slot(vectors, table, np.int32, place, self.together) for place in places]
+                here = [builder.icmp_unsigned("!=", one, empty) for one in neighbours]
+
+                def terms(places: list[Value] = places, neighbours: list[Value] = neighbours) -> list[Value]:
+                    return [
+                        builder.fmul(
+                            _slot(vectors, weights, self.dtype, place, self.together),
+                            vectors.gathered(field, self.dtype, one),
+                            flags=FUSED,
+                        )
+                        for place, one in zip(places, neighbours, strict=True)
+                    ]
+
+                new += _sums_where(vectors, totals, functools.reduce(builder.or_, here), terms)
+            for k, total in enumerate(totals):
+                vectors.store(total, call.result(0), self.dtype, builder.add(at, INDEX(k * self.lanes)))
+        call.finish()
+        return module
+
+
+def _slot(vectors: Vectors, rows: Value, dtype: Any, place: Value, stride: int) -> Value:
+    """Elements of a slot from `place` on. The elements that follow `stride` later are needed for the next
+    targets; the processor does not load them early on its own, since slots are far apart in memory."""
+    vectors.prefetch(rows, dtype, vectors.builder.add(place, INDEX(stride)))
+    return vectors.load(rows, dtype, place)
+
+
 def _sums(vectors: Vectors, totals: list[Value], terms: list[Value]) -> list[Value]:
     """Totals with the terms added."""
     return [
@@ -142,16 +203,11 @@ def _sums(vectors: Vectors, totals: list[Value], terms: list[Value]) -> list[Val
     ]
 
 
-def _sums_where_filled(
-    vectors: Vectors,
-    totals: list[Value],
-    neighbours: Value,
-    empty: Value,
-    terms: Callable[[], list[Value]],
+def _sums_where(
+    vectors: Vectors, totals: list[Value], filled: Value, terms: Callable[[], list[Value]]
 ) -> list[Value]:
-    """Totals with the terms added, unless the slot is empty in all lanes: spare slots are."""
+    """Totals with the terms added, unless the slot is filled in no lane: spare slots are empty."""
     builder = vectors.builder
-    filled = builder.icmp_unsigned("!=", neighbours, empty)
     before = builder.block
     with builder.if_then(vectors.intrinsic("vector.reduce.or", filled, result=ir.IntType(1))):
         new = _sums(vectors, totals, terms())

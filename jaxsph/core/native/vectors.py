@@ -113,6 +113,14 @@ class Vectors:
         """Element of an array with the index `at`."""
         return self.builder.load(self.place(array, dtype, at), typ=scalar(dtype))
 
+    def gathered(self, array: Value, dtype: Any, at: Value) -> Value:
+        """Elements of an array with the indices `at`, one per lane; faster than the processor's gather."""
+        found = ir.Constant(self.type(dtype), ir.Undefined)
+        for lane in range(self.lanes):
+            index = self.builder.zext(self.builder.extract_element(at, INDEX(lane)), INDEX)
+            found = self.builder.insert_element(found, self.element(array, dtype, index), INDEX(lane))
+        return found
+
     def place(self, array: Value, dtype: Any, at: Value) -> Value:
         """Address of an element of an array."""
         return self.builder.gep(array, [at], source_etype=scalar(dtype))

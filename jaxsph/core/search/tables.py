@@ -10,6 +10,7 @@ import numpy as np
 from jax.sharding import PartitionSpec
 
 from jaxsph.core.arrays import Array, Bool, Components, Float, Int, columns, stack
+from jaxsph.core.native.forms import true_indices
 from jaxsph.core.search.base import WIDTH, AbstractSearch, Grid
 from jaxsph.core.search.cells import cell_index, cell_key, cell_order
 from jaxsph.core.slabs import AXIS, WHOLE, Neighbours, PointNeighbours, Slabs, split
@@ -127,7 +128,7 @@ def point_neighbours(
         every = _with_halo(slabs, x, kind)
         grid = _grid_of(method)
         mine = beside(every.x, points, grid) & _in_slab(slabs, grid, stack(x), points)
-        rows = jnp.nonzero(mine, size=places, fill_value=count)[0].astype(jnp.int32)
+        rows = true_indices(mine, places)
         at = jnp.minimum(rows, count - 1)
         # an unused entry sees no source
         sees = jnp.where(rows < count, sees[at], 0)

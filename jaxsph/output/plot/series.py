@@ -218,6 +218,7 @@ LOSSES = {
     "hyperviscosity": ("lost by hyperviscosity", OLIVE),
     "contact": ("lost in contact with solids", BLUE),
     "projection": ("lost in the projection", RED),
+    "viscous": ("viscous loss", ORANGE),
 }
 """Labels and colours of the energies lost by the water, by the names of their powers without "power_"."""
 LEAST = 3.0e-3
