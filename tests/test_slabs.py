@@ -6,13 +6,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from mutations import SMALL
 
 import jaxsph as js
-from jaxsph.core.slabs import Neighbours, Slabs
 from jaxsph.errors import CaseError
 from jaxsph.output.run_file import RunFile
 from jaxsph.run.devices import find_devices
@@ -142,13 +140,6 @@ def test_a_run_of_two_devices_is_resumed_on_one_and_on_three(tmp_path):
         for name in ("P_a", "paddle", "kinetic", "max_speed"):
             # round-off grows e-fold in 0.2 s at the fastest (tangent_growth): threefold in half of the run
             np.testing.assert_allclose(series[name], whole[name], atol=1e-4 * np.max(np.abs(whole[name])))
-
-
-def test_a_halo_that_has_grown_beyond_its_slab_is_the_whole_slab():
-    """Two slabs of three particles: the empty source has index 9, behind three and two halos of three."""
-    slabs = Slabs((None, None), halo=100)
-    table = Neighbours(jnp.asarray([[0, 2, 8, 500, 9, 11]]), slabs)
-    np.testing.assert_array_equal(table.of_water().indices, [[0, 2, 8, 9, 9, 9]])
 
 
 def test_too_many_devices_are_refused():

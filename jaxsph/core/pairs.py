@@ -122,7 +122,8 @@ def pair_sum(
 
     **Arguments**: `law` is written for one pair with scalar components, and evaluated with arrays over the
     targets; `targets` and `sources` map names to `[N]` and `[M]` arrays (vectors: tuples of components);
-    the last source is the empty one. **Returns** the law's pytree with `[N]` leaves.
+    the last source is the empty one, and so is every source that a larger index refers to. **Returns** the
+    law's pytree with `[N]` leaves.
     """
     return keep(_summed(law, smoothing, targets, sources, table, gather))
 
@@ -257,7 +258,7 @@ def _summed(law, smoothing, targets, sources, table, take):
 
     def noted(slot):
         nonlocal shapes
-        terms = pair_terms(slot)
+        terms = pair_terms(jnp.minimum(slot, empty))
         shapes = jax.tree.map(jax.typeof, terms)
         return terms
 
@@ -280,7 +281,7 @@ def _summed(law, smoothing, targets, sources, table, take):
         if not loop.skips_empty:
             return add(total, rows, *closed)
         # The last rows of a table are spare, and empty in most blocks.
-        filled = any_lane(jnp.any(rows != empty))
+        filled = any_lane(jnp.any(rows < empty))
         return jax.lax.cond(filled, add, lambda total, *_: total, total, rows, *closed)
 
     def by_jax(table, *closed):

@@ -283,11 +283,6 @@ class Neighbours(eqx.Module):
         """Sum of the weights times the field "f" of the neighbours, see `pairs.weighted_sum`."""
         return self._over(_weighted_sum, weights, f, split(1))
 
-    def of_water(self) -> Neighbours:
-        """Neighbours in the water alone, for sources without ghosts; the slots of ghosts become empty."""
-        n = self.indices.shape[1] // self.slabs.count
-        return Neighbours(jnp.minimum(self.indices, n + 2 * self.slabs.in_halo(n)), self.slabs)
-
     def _over(self, function: Callable, first: Any, sources: Sources, results: Any) -> Any:
         """Results of `function(first, sources, indices)` for the targets of every slab."""
 

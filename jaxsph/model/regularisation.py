@@ -160,12 +160,11 @@ class Regularisation(eqx.Module):
             changes = (w * (b - a) for a, b in zip(i["u"], j["u"], strict=True))
             return w, moments(w, d), tuple(tuple(change * m for m in basis) for change in changes)
 
-        of_water = tables.fluid.of_water()
-        total, summed, differences = of_water.sum(equations, smoothing, own, Sources(own, {}))
+        total, summed, differences = tables.fluid.sum(equations, smoothing, own, Sources(own, {}))
         thin = jnp.clip((THIN[dim] - total) / FADE, 0.0, 1.0)
         own = own | {"fit": polynomials(summed, differences, dim, thin)}
         law = functools.partial(self.law, unit, model.dx, radius)
-        terms = of_water.sum(law, smoothing, own, Sources(own, {}))
+        terms = tables.fluid.sum(law, smoothing, own, Sources(own, {}))
         rate = smoothing.gravity_rate(model.g)
         smoothed = -jnp.expm1(-self.hyperviscosity * rate * t) * stack(terms.jump)
         share = -WHOLE * jnp.expm1(-self.separation * rate * t / WHOLE) * model.dx
@@ -193,7 +192,7 @@ def regularisations(
 
 def kinetic_loss(p: Particles, u: Float[Array, "N D"], change: Float[Array, "N D"]) -> Scalar:
     """Kinetic energy lost through a change (m/s) of the velocities u (m/s), J (J/m in 2-D)."""
-    return -jnp.sum(p.m * jnp.sum((u + 0.5 * change) * change, axis=1))
+    return -jnp.sum(p.m * dot(columns(u + 0.5 * change), columns(change)))
 
 
 def weight(r2: jax.Array, radius: Scalar) -> jax.Array:

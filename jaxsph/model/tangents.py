@@ -90,7 +90,7 @@ class Average(NamedTuple):
     smoothing: Smoothing
     """Kernel of the weights."""
     table: Neighbours
-    """Neighbours of every particle in the water alone; the slots of ghosts are empty."""
+    """Neighbours of every particle; ghosts do not contribute to an average."""
     self_weight: jax.Array
     """Weight of the particle itself (-)."""
     weight: jax.Array
@@ -158,7 +158,7 @@ def average_of(model: Model, state: State, tables: Tables) -> Average:
     centre = tuple(a / weight for a in first)
     spread = tuple(a / weight - b for a, b in zip(second, outer_upper(centre, centre), strict=True))
     inverse = tuple(symmetric_inverse(_held(spread, push[k], dim)) for k in range(dim))
-    return Average(x, V, smoothing, tables.fluid.of_water(), self_weight, weight, centre, inverse)
+    return Average(x, V, smoothing, tables.fluid, self_weight, weight, centre, inverse)
 
 
 HOLD = 40.0

@@ -22,7 +22,7 @@ from jax import export
 
 from jaxsph.case.case import Case
 from jaxsph.core.native.forms import available, restored, used
-from jaxsph.core.programs import program_folder
+from jaxsph.core.programs import OPTIONS, program_folder
 from jaxsph.model.interfaces import Model
 from jaxsph.model.probe import AbstractProbe
 from jaxsph.model.state import State
@@ -86,7 +86,9 @@ def advance(
         found = _loaded(name) or _made(name, steps, tree, arguments, (most, sample_every))
         # `jax.jit` would compile the program again for the second chunk: results of an exported program are
         # bound to their device, and the first state of a run is not
-        _kept[name] = found and found._replace(call=jax.jit(found.call).lower(*arguments).compile())
+        _kept[name] = found and found._replace(
+            call=jax.jit(found.call, compiler_options=OPTIONS).lower(*arguments).compile()
+        )
     program = _kept[name]
     if program is None:
         return None

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 
 from jaxsph.core.loop import blocks, every_block, first_blocks
 from jaxsph.core.parts import Part
+from jaxsph.core.programs import OPTIONS
 from jaxsph.core.transforms import any_lane
 from jaxsph.model.interfaces import Model
 from jaxsph.model.probe import AbstractProbe
@@ -92,8 +93,8 @@ def _advance(
     return state, jax.tree.map(lambda a: a[::stride], readings)
 
 
-UNSPLIT = {"xla_disable_hlo_passes": "cpu-parallel-task-assigner"}
-"""Compiler options that keep XLA from splitting an operation over threads.
+UNSPLIT = {key: f"{passes},cpu-parallel-task-assigner" for key, passes in OPTIONS.items()}
+"""Compiler options that also keep XLA from splitting an operation over threads.
 
 CPU cores used as devices share one pool of threads. If operations are split, a loop over a table's slots
 waits for a thread at every slot: two cores then take twice the time of one core for a weighted sum. Without
@@ -138,12 +139,12 @@ def _simulate(model, state, probes, most, sample_every, n_steps):
     return _advance(model, state, most, probes, sample_every, over)
 
 
-_on_one_device = jax.jit(_simulate, static_argnums=(3, 4))
+_on_one_device = jax.jit(_simulate, static_argnums=(3, 4), compiler_options=OPTIONS)
 _on_devices = jax.jit(_simulate, static_argnums=(3, 4), compiler_options=UNSPLIT)
 
 
 def new_program(model: Model) -> Any:
     """New, uncompiled copy of the function that `simulate_chunk` compiles, with the arguments (model, state,
     probes, most, sample_every, n_steps)."""
-    options = None if model.search.slabs.count == 1 else UNSPLIT
+    options = OPTIONS if model.search.slabs.count == 1 else UNSPLIT
     return jax.jit(lambda *given: _simulate(*given), static_argnums=(3, 4), compiler_options=options)

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from tqdm import tqdm
 
+from jaxsph.core.programs import OPTIONS
 from jaxsph.errors import SimulationError
 from jaxsph.model.interfaces import Model
 from jaxsph.model.solution import Solution
@@ -130,7 +131,9 @@ def _simulate_lanes(lanes: Sequence[_Lane], n_steps: int, like: Model) -> tuple[
     return _simulate_chunks(own, shared, states, structure, n_steps, lanes[0].recorder.sample_every)
 
 
-@functools.partial(jax.jit, static_argnames=("structure", "n_steps", "sample_every"))
+@functools.partial(
+    jax.jit, static_argnames=("structure", "n_steps", "sample_every"), compiler_options=OPTIONS
+)
 def _simulate_chunks(own, shared, states, structure, n_steps, sample_every):
     """Advances every lane by a chunk. `own`: leaves that differ between lanes; `shared`: equal leaves."""
 

@@ -263,7 +263,7 @@ class AbstractParticleScheme(AbstractScheme):
         out = jnp.zeros_like(finite)
         for solid in model.every_solid():
             out |= solid.contains(state.parts.get(solid.name), p.x, model.dx)
-        moved2, speed2 = (jnp.sum(a**2, axis=1) for a in (x_used - tables.x, p.u))
+        moved2, speed2 = (dot(columns(a), columns(a)) for a in (x_used - tables.x, p.u))
         values = moved2, speed2, (~finite).astype(speed2.dtype), out.astype(speed2.dtype)
         (moved2, speed2, bad, out), (_, fastest, first_bad, first_out) = model.search.slabs.largest(
             *jax.lax.stop_gradient((values, (p.x, p.x, x_old, p.x)))

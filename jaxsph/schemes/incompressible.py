@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxsph.core.arrays import Array, Float, Scalar, columns, stack
+from jaxsph.core.arrays import Array, Float, Scalar, columns, dot, stack
 from jaxsph.core.kernels import AbstractKernel
 from jaxsph.core.pairs import Pair, Period, Smoothing
 from jaxsph.core.parts import Part
@@ -297,7 +297,7 @@ class ISPH(AbstractParticleScheme):
         given = done.by_pressure - sum(work.values(), jnp.zeros_like(dt))  # to solids, by pressure
         mean = 0.5 * (changes.u + p.u)
         viscous, contact, lost = (
-            -jnp.sum(p.m * jnp.sum(mean * change, axis=1))
+            -jnp.sum(p.m * dot(columns(mean), columns(change)))
             for change in (changes.sheared, changes.touched, changes.pressed)
         )
         amounts = {"viscous": viscous, "contact": contact - done.by_touch, "projection": lost - given}

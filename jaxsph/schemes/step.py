@@ -160,7 +160,7 @@ def exchanged(
     """
     found = {}
     for damper in model.dampers:
-        gained = jnp.sum(p.m * jnp.sum(mean * changes[damper.name], axis=1))
+        gained = jnp.sum(p.m * dot(columns(mean), columns(changes[damper.name])))
         given = damper.entries()[damper.name].exchange is Exchange.GIVEN
         found[damper.name] = gained if given else -gained
     return found

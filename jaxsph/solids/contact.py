@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxsph.core.arrays import Array, Float, Scalar
+from jaxsph.core.arrays import Array, Float, Scalar, columns, dot
 from jaxsph.model.interfaces import Model
 from jaxsph.model.solids import AbstractBody
 from jaxsph.model.state import Particles
@@ -100,10 +100,10 @@ def stop_at_solids(
         motion = parts[solid.name]
         near = solid.touches(motion, water.x, model.dx)
         wall = jnp.where(near[:, None], solid.velocity(motion, water.x), wall)
-    size2 = jnp.sum(push**2, axis=1, keepdims=True)
+    size2 = dot(columns(push), columns(push))[:, None]
     touching = size2 > 0.0
     normal = push / jnp.sqrt(jnp.where(touching, size2, 1.0))
-    towards = jnp.minimum(jnp.sum((u - wall) * normal, axis=1, keepdims=True), 0.0)
+    towards = jnp.minimum(dot(columns(u - wall), columns(normal))[:, None], 0.0)
     share = jnp.sqrt(jnp.where(touching, size2, 1.0)) / spring((TOUCH - 0.1) * model.dx, model.dx, c0)
     return u - jnp.where(touching, jnp.minimum(share, 1.0) * towards, 0.0) * normal
 

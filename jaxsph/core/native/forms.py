@@ -136,7 +136,7 @@ def native_neighbours(
 ) -> tuple[Array, Array] | None:
     """Indices `[capacity, N]` of the targets' neighbours, and their number `[N]`.
 
-    The number may exceed `capacity`. Entries beyond the number of neighbours may have any value.
+    The number may exceed `capacity`. Unused entries contain the number of sources.
     **Arguments**: `shape`: number of cells along every axis; `width`: number of cells on either side of a
     target's cell that may contain its neighbours; `period`: periodic axes and their lengths (m). **Returns**
     None if there is no native form.

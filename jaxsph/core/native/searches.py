@@ -44,7 +44,8 @@ class CandidateLoop(NamedTuple):
         their lane, `[N]`; the index of their cell along each axis, an array `[N]` per axis; the coordinates
         of the sources by cell, an array `[M]` per axis (m); their bit masks `kind` and indices, `[M]`; and
         the first source of each cell, `[C + 1]`. Arrays of sources are followed by `lanes` unused elements.
-        **Results**: the neighbours `[K, N]`, and their number `[N]`, which may exceed K.
+        **Results**: the neighbours `[K, N]`, followed by the number M in unused slots, and the number of
+        neighbours `[N]`, which may exceed K.
         """
         module, call = begin_call(name)
         b, one, v = call.builder, Vectors(call.builder, 1), Vectors(call.builder, self.lanes)
@@ -59,10 +60,10 @@ class CandidateLoop(NamedTuple):
         targets, (sees, own, lanes), homes, sources, (kinds, indices, starts) = (
             arrays(number) for number in (dim, 3, dim, dim, 3)
         )
+        unused = b.sub(b.trunc(call.sizes(1 + 2 * dim + 3, 1)[0], INT), INT(self.lanes))
         most, lists = b.trunc(capacity, INT), b.add(b.udiv(capacity, INDEX(self.lanes)), INDEX(2))
         listed = b.alloca(v.type(np.int32), b.mul(lists, INDEX(BLOCK)))
-        pitch = b.mul(lists, INDEX(self.lanes))
-        none = v.constant(0, np.int32)
+        pitch, none = b.mul(lists, INDEX(self.lanes)), v.constant(0, np.int32)
 
         with one.loop(INDEX(0), count, BLOCK) as (begin, _, _):
             size = _smaller(b, INDEX(BLOCK), b.sub(count, begin))
@@ -88,8 +89,11 @@ class CandidateLoop(NamedTuple):
                 longer.append(_larger(b, longest, _smaller(b, number, most)))
             # Rows of the table may be a multiple of 4096 bytes apart, and would then replace each other in
             # the cache if each target wrote to all rows in turn.
-            columns = one.place(rows, np.int32, begin)
-            _transpose(one, (listed, pitch), (columns, count), size, b.zext(longest, INDEX))
+            longest, numbers = b.zext(longest, INDEX), one.place(found, np.int32, begin)
+            _fill(v, (listed, pitch), (numbers, most), (size, longest), unused)
+            table = one.place(rows, np.int32, begin), count
+            _transpose(one, (listed, pitch), table, size, longest)
+            _clear(one, table, size, (longest, capacity), unused)
         call.finish()
         return module
 
@@ -165,6 +169,33 @@ def _smaller(b: Builder, a: Value, c: Value) -> Value:
 def _larger(b: Builder, a: Value, c: Value) -> Value:
     """The larger of two integers."""
     return b.select(b.icmp_signed("<", a, c), c, a)
+
+
+def _fill(
+    v: Vectors, lists: tuple[Value, Value], numbers: tuple[Value, Value], size: tuple[Value, Value], a: Value
+) -> None:
+    """Writes the integer `a` behind the elements of each list, up to a common length.
+
+    **Arguments**: `lists`: the data, and the distance between successive lists; `numbers`: the numbers of
+    elements, and their upper limit; `size`: the number of lists, and the length. Up to one vector more may be
+    written.
+    """
+    b, one = v.builder, Vectors(v.builder, 1)
+    with one.loop(INDEX(0), size[0], 1) as (k, _, _):
+        number = _smaller(b, one.element(numbers[0], np.int32, k), numbers[1])
+        with v.loop(b.zext(number, INDEX), size[1], v.lanes) as (slot, _, _):
+            v.store(v.spread(a), lists[0], np.int32, b.add(b.mul(k, lists[1]), slot))
+
+
+def _clear(
+    one: Vectors, table: tuple[Value, Value], count: Value, rows: tuple[Value, Value], a: Value
+) -> None:
+    """Writes the integer `a` to the first `count` columns of a range of rows of a table."""
+    b = one.builder
+    with one.loop(*rows, 1) as (row, _, _):
+        start = b.mul(row, table[1])
+        with one.loop(INDEX(0), count, 1) as (k, _, _):
+            b.store(a, one.place(table[0], np.int32, b.add(start, k)))
 
 
 def _transpose(

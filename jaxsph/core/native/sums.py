@@ -80,7 +80,7 @@ class PairLoop(NamedTuple):
             zeros = [vectors.constant(0, kind) for kind in self.sums]
             with vectors.loop(INDEX(0), slots, 1, *zeros) as (slot, totals, new):
                 place = builder.add(builder.mul(slot, targets), at)
-                neighbours = _slot(vectors, table, np.int32, place, lanes)
+                neighbours = vectors.intrinsic("umin", _slot(vectors, table, np.int32, place, lanes), empty)
 
                 def terms(neighbours: Value = neighbours, mine: list[Value] = mine) -> list[Value]:
                     theirs = self._gathered(vectors, rows, neighbours)
@@ -91,11 +91,10 @@ class PairLoop(NamedTuple):
                     for a, kind, result in zip(
                         found[len(self.sums) :], self.weights, results[len(self.sums) :], strict=True
                     ):
-                        vectors.prefetch(result, kind, builder.add(place, INDEX(lanes)))
                         vectors.store(a, result, kind, place)
                     new += _sums(vectors, totals, found)
                 else:
-                    filled = builder.icmp_unsigned("!=", neighbours, empty)
+                    filled = builder.icmp_unsigned("<", neighbours, empty)
                     new += _sums_where(vectors, totals, filled, terms)
             for total, kind, result in zip(totals, self.sums, results, strict=False):
                 vectors.store(total, result, kind, at)

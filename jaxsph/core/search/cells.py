@@ -174,9 +174,12 @@ def _search(
     among = Candidates(x_i, sees, own, lane_begin, home, xs, kinds, order, start, radius2)
     natives = native_neighbours(among, grid.shape, WIDTH, grid.period, capacity)
     rows, count = natives or _neighbours(among, grid, capacity)
-    filled = jnp.arange(capacity, dtype=jnp.int32)[:, None] < count[None, :]
-    indices = rows - (of_target * m_lane)[None, :]
-    indices = jnp.where(filled, indices, m_lane).reshape(capacity, lanes, n_lane).swapaxes(0, 1)
+    if lanes == 1 and natives:
+        indices = rows[None]
+    else:
+        filled = jnp.arange(capacity, dtype=jnp.int32)[:, None] < count[None, :]
+        indices = rows - (of_target * m_lane)[None, :]
+        indices = jnp.where(filled, indices, m_lane).reshape(capacity, lanes, n_lane).swapaxes(0, 1)
     return Table(indices, jnp.max(count.reshape(lanes, n_lane), axis=1, initial=0))
 
 
