@@ -364,7 +364,7 @@ def test_searches_in_float64_list_the_same_neighbours():
     assert int(jaxs.most) == int(natives.most) > 8
 
 
-@given(st.lists(st.booleans(), min_size=1, max_size=70), st.integers(1, 90))
+@given(st.lists(st.booleans(), min_size=40, max_size=40), st.sampled_from([1, 13, 40, 64]))
 @settings(max_examples=30, deadline=None)
 def test_the_true_elements_of_a_mask_are_listed_in_order(mask, size):
     mask = np.array(mask)

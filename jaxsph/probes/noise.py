@@ -29,8 +29,8 @@ WIDTH = 1.5
 """Distance, in spacings, at which a neighbour's weight has fallen to 1/e."""
 
 ENOUGH = 4096
-"""Smallest number of particles whose noise is measured, if there are more; the RMS of so many is exact enough
-for a single sample, and other particles are measured after the next search."""
+"""Number of particles whose noise is measured in a sample, if there are at least twice as many. The particles
+differ from search to search, so that the error of a mean over many samples is negligible."""
 
 
 class NoiseProbe(AbstractProbe):
@@ -39,7 +39,7 @@ class NoiseProbe(AbstractProbe):
     The flow around a particle is a linear function of position, fitted by least squares to the velocities
     of the particle and its neighbours within 3 dx, with weights exp(-(r/(1.5 dx))^2). The neighbours come
     from the scheme's tables. A kernel with a support below 3 dx therefore limits the fit to this support.
-    In a run with more than `ENOUGH` particles the noise is that of every second, third, ... particle.
+    With at least twice `ENOUGH` particles the noise is that of every second, third, ... particle.
 
     Water that has left the tank over a rim is not included. A particle with too few neighbours, or with all
     neighbours on a line (in three dimensions on a plane), has no fit and is left out of the noise. A
