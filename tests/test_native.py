@@ -142,13 +142,13 @@ def test_integers_of_64_bits_are_read_as_such():
 
 def _weights(fields, smoothing, table):
     """Sums and weights of a law whose constant is a traced value."""
-    guard = 1e-3 * smoothing.h**2
-
-    def law(pair, i, j):
-        w = laws.laplacian_weight(pair, j, guard)
-        return (w * i["p"], laws.divergence(pair, i, j)), w
-
+    law = functools.partial(_laplacian, guard=1e-3 * smoothing.h**2)
     return pair_weights(law, smoothing, fields, with_empty(fields), table)
+
+
+def _laplacian(pair, i, j, guard=1e-3 * DX**2):
+    w = laws.laplacian_weight(pair, j, guard)
+    return (w * i["p"], laws.divergence(pair, i, j)), w
 
 
 def test_weights_agree_in_every_slot():
@@ -210,6 +210,30 @@ def test_lanes_of_a_batch_agree():
 
     _agree(*_both(jax.vmap(summed), several), 1e-5)
     _agree(*_both(jax.vmap(lambda fields: _weighted(fields, smoothing, table)), several), 1e-5)
+
+
+CALLED = """
+import re
+import jax.numpy as jnp
+import jaxsph as js
+from jaxsph.run.devices import everywhere, find_devices, share
+from jaxsph.run.simulate import new_program
+
+find_devices(2)
+problem = js.load_case("hydrostatic").replace({"scheme.kind": "incompressible"}).problem()
+for devices in (1, 2):
+    model, state = share(problem.model, problem.state, devices)
+    probes, every = everywhere(model.search.slabs, problem.probes), problem.sample_every
+    lowered = new_program(model).lower(model, state, probes, every, every, jnp.int32(every))
+    print(*sorted(set(re.findall("@jaxsph_[0-9a-f]+", lowered.as_text()))))
+"""
+
+
+def test_several_devices_use_the_native_functions_of_one():
+    """On several devices JAX adds operations to a law, which must not make it untranslatable."""
+    done = subprocess.run([sys.executable, "-c", CALLED], capture_output=True, text=True, check=True)
+    alone, shared = (set(line.split()) for line in done.stdout.splitlines())
+    assert len(alone) > 8 and alone <= shared
 
 
 def test_few_targets_and_untranslatable_laws_use_the_form_of_jax():

@@ -70,7 +70,7 @@ def _results(vectors: Vectors, equation: Any, inputs: list[Value]) -> list[Value
     return [rule(vectors, *inputs)]
 
 
-UNCHANGED = ("copy", "copy_p", "stop_gradient", "name", "broadcast_in_dim", "reshape", "squeeze")
+UNCHANGED = ("copy", "copy_p", "stop_gradient", "name", "broadcast_in_dim", "reshape", "squeeze", "reshard")
 """Operations that do not change a scalar."""
 COMPARISONS = {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==", "ne": "!="}
 
