@@ -1,6 +1,6 @@
 """A run: waves drive an oscillating water column; the readings are in one file and in `solution`.
 
-The case is coarse and takes half a minute. The built-in case, without the changes, takes four minutes.
+The case is coarse and takes half a minute. The built-in case, without the changes, takes one to two minutes.
 """
 
 import jaxsph as js
