@@ -151,6 +151,25 @@ def _laplacian(pair, i, j, guard=1e-3 * DX**2):
     return (w * i["p"], laws.divergence(pair, i, j)), w
 
 
+@pytest.mark.parametrize("on", [False, True])
+def test_every_index_beyond_the_last_source_is_empty(on):
+    """Sums over the water alone use tables that also list ghosts, which follow the water."""
+    fields, smoothing, table, n = _fields(2), _smoothing(2), np.asarray(_table(COUNTS[2])), COUNTS[2]
+    beyond = np.where(table == n, n + np.arange(len(table))[:, None], table)
+
+    def forward(table):
+        def summed(fields):
+            return pair_sum(laws.pressure_force, smoothing, fields, with_empty(fields), table)
+
+        return jax.jvp(summed, (fields,), (_fields(2, seed=1),))
+
+    with forms.switched(on):
+        for one, other in zip(
+            *(jax.tree.leaves(forward(jnp.asarray(a))) for a in (table, beyond)), strict=True
+        ):
+            np.testing.assert_array_equal(one, other)
+
+
 def test_weights_agree_in_every_slot():
     _agree(*_both(_weights, _fields(2), _smoothing(2), _table(COUNTS[2])), 1e-5)
 

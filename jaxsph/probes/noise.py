@@ -29,8 +29,11 @@ WIDTH = 1.5
 """Distance, in spacings, at which a neighbour's weight has fallen to 1/e."""
 
 ENOUGH = 4096
-"""Number of particles whose noise is measured in a sample, if there are at least twice as many. The particles
-differ from search to search, so that the error of a mean over many samples is negligible."""
+"""Number of particles whose noise is measured in a sample, if there are at least twice as many.
+
+The particles differ from search to search. In the built-in OWC the noise of a sample differs by 13 % from
+that of all particles, and the mean over 3 s by 0.2 %.
+"""
 
 
 class NoiseProbe(AbstractProbe):

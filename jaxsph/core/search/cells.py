@@ -174,12 +174,9 @@ def _search(
     among = Candidates(x_i, sees, own, lane_begin, home, xs, kinds, order, start, radius2)
     natives = native_neighbours(among, grid.shape, WIDTH, grid.period, capacity)
     rows, count = natives or _neighbours(among, grid, capacity)
-    if lanes == 1 and natives:
-        indices = rows[None]
-    else:
-        filled = jnp.arange(capacity, dtype=jnp.int32)[:, None] < count[None, :]
-        indices = rows - (of_target * m_lane)[None, :]
-        indices = jnp.where(filled, indices, m_lane).reshape(capacity, lanes, n_lane).swapaxes(0, 1)
+    if lanes > 1:
+        rows = jnp.minimum(rows - (of_target * m_lane)[None, :], m_lane)
+    indices = rows.reshape(capacity, lanes, n_lane).swapaxes(0, 1)
     return Table(indices, jnp.max(count.reshape(lanes, n_lane), axis=1, initial=0))
 
 
@@ -220,7 +217,8 @@ def _neighbours(among: Candidates, grid: Grid, capacity: int) -> tuple[Array, Ar
         add = functools.partial(candidate, first, end)
         found = jax.lax.fori_loop(0, jnp.max(end - first, initial=0), add, found)
     rows, count = found
-    return rows.reshape(capacity + 1, n)[:capacity], count
+    filled = jnp.arange(capacity, dtype=jnp.int32)[:, None] < count[None, :]
+    return jnp.where(filled, rows.reshape(capacity + 1, n)[:capacity], len(among.indices)), count
 
 
 def _sort(key: Int[Array, " M"], cells: int) -> tuple[Int[Array, " M"], Int[Array, " C"]]:

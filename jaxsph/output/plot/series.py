@@ -219,8 +219,10 @@ LOSSES = {
     "contact": ("lost in contact with solids", BLUE),
     "projection": ("lost in the projection", RED),
     "viscous": ("viscous loss", ORANGE),
+    "diffusive": ("density diffusion", RED),
 }
-"""Labels and colours of the energies lost by the water, by the names of their powers without "power_"."""
+"""Labels and colours of the energies lost by the water, by the names of their powers without "power_" or
+"loss_"."""
 LEAST = 3.0e-3
 """Ratio of an energy to the largest energy in a budget (-), below which the energy is drawn in "the rest"."""
 
@@ -240,8 +242,10 @@ def energy_terms(
     stored = series["kinetic"] + series["potential"] + series["compression"]
     terms = [
         ("absorbed by the PTO", _of_every_pto(series, from_ptos), GREEN),
-        ("viscous loss", _integral(series, "loss_viscous"), ORANGE),
-        ("density diffusion", _integral(series, "loss_diffusive"), RED),
+        *(
+            (LOSSES[name][0], _integral(series, f"loss_{name}"), LOSSES[name][1])
+            for name in ("viscous", "diffusive")
+        ),
     ]
     for taker in analysis.takers(series, from_ptos):
         label, colour = LOSSES.get(taker, (taker.replace("_", " "), GREY))
