@@ -86,7 +86,8 @@ Devices = Annotated[
     typer.Option(
         "--devices",
         metavar="N",
-        help="Number of accelerators, or of CPU cores, that share the run; default: as many as speed it up.",
+        help="Number of accelerators, or of CPU cores used as devices, among which the run's particles are "
+        "divided; default: as many as speed it up. The cores of a CPU share the native loops of one device.",
     ),
 ]
 

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import NamedSharding, PartitionSpec
 
+from jaxsph.core.native.forms import available, installed
 from jaxsph.core.search.base import SPREADING, WIDTH, needed_capacity
 from jaxsph.core.search.cells import Cells, cell_index, cell_order
 from jaxsph.core.search.tables import beside
@@ -22,10 +23,10 @@ from jaxsph.model.state import Particles, State
 from jaxsph.run.processes import whole
 
 WORTHWHILE = 8000
-"""Least number of particles per slab at which one more core of a CPU is worthwhile.
+"""Least number of particles per slab at which one more core of a CPU is worthwhile as a device.
 
-With 4,100 particles per core, two cores are faster than one core by a factor of 1.05 (incompressible) or 1.3
-(weakly compressible). With 16,400 particles per core the factors are 1.5 and 1.6
+With JAX's loops and 4,100 particles per core, two cores are faster than one core by a factor of 1.05
+(incompressible) or 1.3 (weakly compressible). With 16,400 particles per core the factors are 1.5 and 1.6
 (`python -m experiments run bench_devices`).
 """
 
@@ -40,18 +41,26 @@ def describe_machine(devices: int) -> str:
     """Devices that share a run, and JAX's version, in words."""
     first = jax.devices()[0]
     kind, one = ("CPU", "core") if first.platform == "cpu" else (first.device_kind, "device")
-    return f"{kind}, {devices} {one}{'s' if devices > 1 else ''}, JAX {jax.__version__}"
+    count = available_cores() if _threads_share_loops() else devices
+    return f"{kind}, {count} {one}{'s' if count > 1 else ''}, JAX {jax.__version__}"
+
+
+def _threads_share_loops() -> bool:
+    """Whether all cores share the loops of a run on the only device of this process."""
+    return available() and jax.local_device_count() == 1
 
 
 def find_devices(count: int | None) -> tuple[jax.Device, ...]:  # pyright: ignore[reportInvalidTypeForm]
     """The first `count` devices of the default backend, or all if None.
 
-    On a CPU, cores become devices if JAX has not been used yet. **Raises** CaseError if `count` is less than
-    1 or more than the number of devices, or if several processes share the run but do not use all devices.
+    On a CPU, `count` cores become devices if JAX has not been used yet. By default all cores become devices,
+    or none if their threads share the native loops of one device. **Raises** CaseError if `count` is less
+    than 1 or more than the number of devices, or if several processes share the run but do not use all
+    devices.
     """
     if count is not None and count < 1:
         raise CaseError(f"devices = {count}: must be 1 or more")
-    cores = count or available_cores()
+    cores = count or (1 if installed() else available_cores())
     if 1 < cores <= (os.cpu_count() or 1) and not jax.distributed.is_initialized():
         with contextlib.suppress(RuntimeError):  # too late: the backend already uses the existing devices
             jax.config.update("jax_num_cpu_devices", cores)
@@ -93,7 +102,7 @@ def usual_devices(model: Model, state: State) -> int:
     """Default number of devices of a run, the largest number that makes the run faster.
 
     If several processes share the run, they use all their devices. A single process uses one device for a
-    case that cannot be shared. Otherwise it uses all accelerators, or as many CPU cores as have at least
+    case that cannot be shared. Otherwise it uses all accelerators, or as many CPU devices as have at least
     `WORTHWHILE` particles each; it uses fewer devices if the slabs would otherwise be too narrow.
     """
     found = find_devices(None)

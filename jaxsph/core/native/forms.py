@@ -28,7 +28,12 @@ _switch = {"on": importlib.util.find_spec("llvmlite") is not None}
 
 def available() -> bool:
     """Whether native forms are used."""
-    return _switch["on"] and jax.default_backend() == "cpu"
+    return installed() and jax.default_backend() == "cpu"
+
+
+def installed() -> bool:
+    """Whether native forms are used on a CPU; JAX need not have been used before."""
+    return _switch["on"]
 
 
 def advice() -> str:

@@ -14,6 +14,7 @@ import jax
 import llvmlite.binding as llvm
 from llvmlite import ir
 
+from jaxsph.core.native.threads import provide_symbols
 from jaxsph.core.programs import program_folder
 
 PLACEHOLDER = "jaxsph_function"
@@ -78,6 +79,7 @@ def _compiled(text: str) -> bytes:
 @functools.cache
 def _machine() -> llvm.TargetMachine:
     """This processor, with all of its instructions."""
+    provide_symbols()
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     features = llvm.get_host_cpu_features().flatten() + ",-prefer-256-bit"

@@ -9,15 +9,19 @@ from typing import NamedTuple
 import numpy as np
 from llvmlite import ir
 
-from jaxsph.core.native.calls import begin_call
+from jaxsph.core.native.calls import Call, begin_call
+from jaxsph.core.native.threads import in_parts
 from jaxsph.core.native.translation import FUSED
 from jaxsph.core.native.vectors import INDEX, Builder, Value, Vectors, vector_bytes
 
 INT = ir.IntType(32)
 
-
 BLOCK = 16
 """Number of targets whose neighbours are listed before they are written to the table; 64 bytes of a row."""
+
+
+PART = 32 * BLOCK
+"""Number of targets in a part of the search."""
 
 
 class CandidateLoop(NamedTuple):
@@ -48,6 +52,14 @@ class CandidateLoop(NamedTuple):
         neighbours `[N]`, which may exceed K.
         """
         module, call = begin_call(name)
+        (count,) = call.sizes(1, 1)
+        with in_parts(call, count, INDEX(PART)) as (part, begin, end):
+            self._search(part, begin, end)
+        call.finish()
+        return module
+
+    def _search(self, call: Call, first: Value, end: Value) -> None:
+        """Lists the neighbours of targets."""
         b, one, v = call.builder, Vectors(call.builder, 1), Vectors(call.builder, self.lanes)
         radius2, rows, found = v.spread(call.scalar(0, self.dtype)), call.result(0), call.result(1)
         (capacity, count), arguments = call.sizes(0, 2, of="results"), itertools.count(1)
@@ -65,8 +77,8 @@ class CandidateLoop(NamedTuple):
         listed = b.alloca(v.type(np.int32), b.mul(lists, INDEX(BLOCK)))
         pitch, none = b.mul(lists, INDEX(self.lanes)), v.constant(0, np.int32)
 
-        with one.loop(INDEX(0), count, BLOCK) as (begin, _, _):
-            size = _smaller(b, INDEX(BLOCK), b.sub(count, begin))
+        with one.loop(first, end, BLOCK) as (begin, _, _):
+            size = _smaller(b, INDEX(BLOCK), b.sub(end, begin))
             with one.loop(INDEX(0), size, 1, INT(0)) as (target, (longest,), longer):
                 i, here = b.add(begin, target), one.place(listed, np.int32, b.mul(target, pitch))
                 mask, me = (v.spread(one.element(a, np.int32, i)) for a in (sees, own))
@@ -94,8 +106,6 @@ class CandidateLoop(NamedTuple):
             table = one.place(rows, np.int32, begin), count
             _transpose(one, (listed, pitch), table, size, longest)
             _clear(one, table, size, (longest, capacity), unused)
-        call.finish()
-        return module
 
     def _near(self, v: Vectors, squares: Value, radius2: Value, left: Value) -> Value:
         """Mask of the candidates within the radius; only the first `left` lanes contain candidates."""

@@ -16,15 +16,23 @@ from typing import Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 
-from jaxsph.core.native.calls import begin_call
+from jaxsph.core.native.calls import Call, begin_call
+from jaxsph.core.native.threads import in_parts
 from jaxsph.core.native.translation import FUSED, translated
-from jaxsph.core.native.vectors import INDEX, Value, Vectors, scalar, vector_bytes
+from jaxsph.core.native.vectors import INDEX, Builder, Value, Vectors, scalar, vector_bytes
 
 TOGETHER = 4
 """Number of fields that are loaded and transposed together."""
 
 ABREAST = 4
 """Number of vectors of targets in a weighted sum; a slot's entries for them are adjacent in memory."""
+
+
+PACKED = 8192
+"""Number of sources in a part of the loop that copies their fields."""
+
+PAIRS = 32768
+"""Number of pairs in a part of a loop, approximately: 20 to 150 microseconds of work."""
 
 
 class PairLoop(NamedTuple):
@@ -56,8 +64,30 @@ class PairLoop(NamedTuple):
         rows `[M, row]`. N must be at least `lanes`.
         """
         module, call = begin_call(name)
-        vectors = Vectors(call.builder, lanes)
-        builder, table = call.builder, call.argument(0)
+        slots, targets = call.sizes(0, 2)
+        (count,) = call.sizes(1 + len(self.held) + len(self.targets), 1)
+        with in_parts(call, count, INDEX(PACKED)) as (part, begin, end):
+            self._pack(Vectors(part.builder, lanes), part, begin, end)
+        with in_parts(call, targets, part_length(call.builder, slots, lanes)) as (part, begin, end):
+            self._sum(Vectors(part.builder, lanes), part, begin, end)
+        call.finish()
+        return module
+
+    def _pack(self, vectors: Vectors, call: Call, begin: Value, end: Value) -> None:
+        """Copies the fields of sources into rows."""
+        builder, dtype = vectors.builder, self.sources[0]
+        first = 1 + len(self.held) + len(self.targets)
+        sources = [call.argument(first + k) for k in range(len(self.sources))]
+        rows = call.result(len(self.sums) + len(self.weights))
+        with vectors.loop(begin, end, 1) as (source, _, _):
+            row = builder.mul(source, INDEX(self.row))
+            for k, field in enumerate(sources):
+                value = vectors.element(field, dtype, source)
+                builder.store(value, vectors.place(rows, dtype, builder.add(row, INDEX(k))))
+
+    def _sum(self, vectors: Vectors, call: Call, begin: Value, end: Value) -> None:
+        """Computes the results for targets."""
+        builder, table, lanes = vectors.builder, call.argument(0), vectors.lanes
         slots, targets = call.sizes(0, 2)
         of_targets = 1 + len(self.held)
         of_sources = of_targets + len(self.targets)
@@ -67,13 +97,11 @@ class PairLoop(NamedTuple):
             vectors.spread(call.scalar(of_constants + k, kind)) for k, kind in enumerate(self.constants)
         ]
         fields = [call.argument(of_targets + k) for k in range(len(self.targets))]
-        sources = [call.argument(of_sources + k) for k in range(len(self.sources))]
         (count,) = call.sizes(of_sources, 1)
         *results, rows = (call.result(k) for k in range(len(self.sums) + len(self.weights) + 1))
-        self._pack(vectors, sources, count, rows)
         last = builder.sub(targets, INDEX(lanes))
         empty = vectors.spread(builder.trunc(builder.sub(count, INDEX(1)), ir.IntType(32)))
-        with vectors.loop(INDEX(0), targets, lanes) as (group, _, _):
+        with vectors.loop(begin, end, lanes) as (group, _, _):
             # the last group overlaps the one before it if the number of targets is no multiple of the lanes
             at = builder.select(builder.icmp_signed("<", group, last), group, last)
             mine = [vectors.load(a, kind, at) for a, kind in zip(fields, self.targets, strict=True)]
@@ -84,7 +112,8 @@ class PairLoop(NamedTuple):
 
                 def terms(neighbours: Value = neighbours, mine: list[Value] = mine) -> list[Value]:
                     theirs = self._gathered(vectors, rows, neighbours)
-                    return translated(vectors, self.jaxpr, held, [*mine, *theirs, *constants])
+                    fixed = {*held, *mine, *constants}
+                    return translated(vectors, self.jaxpr, held, [*mine, *theirs, *constants], fixed)
 
                 if self.weights:
                     found = terms()
@@ -98,26 +127,13 @@ class PairLoop(NamedTuple):
                     new += _sums_where(vectors, totals, filled, terms)
             for total, kind, result in zip(totals, self.sums, results, strict=False):
                 vectors.store(total, result, kind, at)
-        call.finish()
-        return module
-
-    def _pack(self, vectors: Vectors, sources: list[Value], count: Value, rows: Value) -> None:
-        """Copies the fields of all sources into rows."""
-        builder, dtype = vectors.builder, self.sources[0]
-        with vectors.loop(INDEX(0), count, 1) as (source, _, _):
-            row = builder.mul(source, INDEX(self.row))
-            for k, field in enumerate(sources):
-                value = vectors.element(field, dtype, source)
-                builder.store(value, vectors.place(rows, dtype, builder.add(row, INDEX(k))))
 
     def _gathered(self, vectors: Vectors, rows: Value, neighbours: Value) -> list[Value]:
         """Fields of the sources with these indices."""
         builder, dtype, lanes = vectors.builder, self.sources[0], vectors.lanes
+        elements = builder.mul(neighbours, vectors.constant(self.row, np.int32))
         starts = [
-            builder.mul(
-                builder.zext(builder.extract_element(neighbours, INDEX(lane)), INDEX), INDEX(self.row)
-            )
-            for lane in range(lanes)
+            builder.zext(builder.extract_element(elements, INDEX(lane)), INDEX) for lane in range(lanes)
         ]
         found: list[Value] = []
         part = ir.VectorType(scalar(dtype), TOGETHER)
@@ -157,13 +173,22 @@ class WeightedLoop(NamedTuple):
         result is the sums `[N]`. N must be at least `together`.
         """
         module, call = begin_call(name)
-        builder, vectors = call.builder, Vectors(call.builder, self.lanes)
+        slots, targets = call.sizes(0, 2)
+        length = part_length(call.builder, slots, self.together)
+        with in_parts(call, targets, length) as (part, begin, end):
+            self._sum(Vectors(part.builder, self.lanes), part, begin, end)
+        call.finish()
+        return module
+
+    def _sum(self, vectors: Vectors, call: Call, begin: Value, end: Value) -> None:
+        """Computes the sums for targets."""
+        builder = vectors.builder
         weights, field, table = (call.argument(k) for k in range(3))
         (slots, targets), (count,) = call.sizes(0, 2), call.sizes(1, 1)
         last = builder.sub(targets, INDEX(self.together))
         empty = vectors.spread(builder.trunc(builder.sub(count, INDEX(1)), ir.IntType(32)))
         zeros = [vectors.constant(0, self.dtype)] * ABREAST
-        with vectors.loop(INDEX(0), targets, self.together) as (group, _, _):
+        with vectors.loop(begin, end, self.together) as (group, _, _):
             at = builder.select(builder.icmp_signed("<", group, last), group, last)
             with vectors.loop(INDEX(0), slots, 1, *zeros) as (slot, totals, new):
                 start = builder.add(builder.mul(slot, targets), at)
@@ -184,8 +209,13 @@ class WeightedLoop(NamedTuple):
                 new += _sums_where(vectors, totals, functools.reduce(builder.or_, here), terms)
             for k, total in enumerate(totals):
                 vectors.store(total, call.result(0), self.dtype, builder.add(at, INDEX(k * self.lanes)))
-        call.finish()
-        return module
+
+
+def part_length(builder: Builder, slots: Value, together: int) -> Value:
+    """Number of targets in a part of a loop over a table's slots, a multiple of `together`."""
+    slots = builder.select(builder.icmp_signed("<", slots, INDEX(1)), INDEX(1), slots)
+    groups = builder.udiv(INDEX(PAIRS // together), slots)
+    return builder.mul(builder.add(groups, INDEX(1)), INDEX(together))
 
 
 def _slot(vectors: Vectors, rows: Value, dtype: Any, place: Value, stride: int) -> Value:

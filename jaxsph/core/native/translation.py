@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from jax.extend import core as jex
+from llvmlite import ir
 
 from jaxsph.core.native.vectors import Builder, UntranslatableError, Value, Vectors, scalar
 
@@ -18,11 +19,12 @@ FUSED = ("contract",)
 
 
 def translated(
-    vectors: Vectors, jaxpr: Any, constants: Sequence[Value], inputs: Sequence[Value]
+    vectors: Vectors, jaxpr: Any, constants: Sequence[Value], inputs: Sequence[Value], fixed: set[Value]
 ) -> list[Value]:
     """Results of a jaxpr of scalar operations, for vectors as inputs.
 
-    `constants`: values of the jaxpr's constants. **Raises** UntranslatableError.
+    `constants`: values of the jaxpr's constants; `fixed`: values that do not change in the innermost loop, to
+    which such results are added. **Raises** UntranslatableError.
     """
     known: dict[Any, Value] = dict(zip(jaxpr.constvars, constants, strict=True))
     known.update(zip(jaxpr.invars, inputs, strict=True))
@@ -34,7 +36,10 @@ def translated(
 
     for equation in jaxpr.eqns:
         _check(equation)
-        found = _results(vectors, equation, [value(atom) for atom in equation.invars])
+        given = [value(atom) for atom in equation.invars]
+        found = _results(vectors, equation, given, fixed)
+        if all(isinstance(one, ir.Constant) or one in fixed for one in given):
+            fixed.update(found)
         known.update(zip(equation.outvars, found, strict=True))
     return [value(atom) for atom in jaxpr.outvars]
 
@@ -47,14 +52,14 @@ def _check(equation: Any) -> None:
             raise UntranslatableError(f"{equation.primitive} of an array")
 
 
-def _results(vectors: Vectors, equation: Any, inputs: list[Value]) -> list[Value]:
+def _results(vectors: Vectors, equation: Any, inputs: list[Value], fixed: set[Value]) -> list[Value]:
     """Results of one equation of a jaxpr."""
     name, params = equation.primitive.name, equation.params
     inner = params.get("jaxpr", params.get("call_jaxpr"))
     if inner:  # a function within the function
         inner, constants = getattr(inner, "jaxpr", inner), getattr(inner, "consts", ())
         held = [vectors.constant(a, np.asarray(a).dtype) for a in constants]
-        return translated(vectors, inner, held, inputs)
+        return translated(vectors, inner, held, inputs, fixed)
     dtype = np.dtype(equation.invars[0].aval.dtype)
     if name in UNCHANGED:
         return inputs[:1]
@@ -64,6 +69,10 @@ def _results(vectors: Vectors, equation: Any, inputs: list[Value]) -> list[Value
         return [_converted(vectors, inputs[0], dtype, np.dtype(params["new_dtype"]))]
     if name == "integer_pow":
         return [_power(vectors, inputs[0], dtype, params["y"])]
+    if name == "div" and dtype.kind == "f" and (isinstance(inputs[1], ir.Constant) or inputs[1] in fixed):
+        # the inverse is computed outside the loop
+        inverse = vectors.builder.fdiv(vectors.like(inputs[1], 1.0), inputs[1])
+        return [vectors.builder.fmul(inputs[0], inverse, flags=FUSED)]
     rule = RULES.get((name, dtype.kind)) or RULES.get((name, ""))
     if not rule:
         raise UntranslatableError(f"{name} of {dtype}")
@@ -125,6 +134,20 @@ def _intrinsic(name: str) -> Rule:
     return lambda vectors, *inputs: vectors.intrinsic(name, *inputs)
 
 
+def _extreme(name: str, sign: str) -> Rule:
+    """Rule for the larger or smaller of two numbers, which is a NaN if either is a NaN."""
+
+    def rule(vectors: Vectors, a: Value, b: Value) -> Value:
+        if isinstance(b, ir.Constant):
+            a, b = b, a
+        if not isinstance(a, ir.Constant):
+            return vectors.intrinsic(name, a, b)
+        # a processor has one instruction for this; the constant is not a NaN
+        return vectors.builder.select(vectors.builder.fcmp_ordered(sign, a, b), a, b)
+
+    return rule
+
+
 def _inverse_root(vectors: Vectors, a: Value) -> Value:
     """Inverse of the square root of a vector."""
     return vectors.builder.fdiv(vectors.like(a, 1.0), vectors.intrinsic("sqrt", a))
@@ -142,8 +165,8 @@ RULES: dict[tuple[str, str], Rule] = {
     ("rsqrt", "f"): _inverse_root,
     ("sqrt", "f"): _intrinsic("sqrt"),
     ("abs", "f"): _intrinsic("fabs"),
-    ("max", "f"): _intrinsic("maximum"),
-    ("min", "f"): _intrinsic("minimum"),
+    ("max", "f"): _extreme("maximum", ">"),
+    ("min", "f"): _extreme("minimum", "<"),
     ("floor", "f"): _intrinsic("floor"),
     ("ceil", "f"): _intrinsic("ceil"),
     ("add", "i"): _plain("add"),

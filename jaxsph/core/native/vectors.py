@@ -135,19 +135,38 @@ class Vectors:
         read, stays, data = (ir.IntType(32)(k) for k in (0, 3, 1))
         self.builder.call(function, [self.place(array, dtype, at), read, stays, data])
 
-    def transposed(self, parts: list[Value]) -> list[Value]:
-        """Vectors of the first, second, ... elements of the `parts`, one short vector per lane."""
-        width, joined = parts[0].type.count, parts
-        while len(joined) > 1:
-            size = joined[0].type.count
-            joined = [
-                self.shuffled(a, b, list(range(2 * size)))
-                for a, b in zip(joined[::2], joined[1::2], strict=True)
-            ]
-        return [
-            self.shuffled(joined[0], joined[0], [lane * width + k for lane in range(self.lanes)])
-            for k in range(width)
-        ]
+    def transposed(self, rows: list[Value]) -> list[Value]:
+        """Vectors of the first, second, third and fourth elements of `rows` of four elements, one per lane.
+
+        Rows k, k + 4, k + 8, ... form one vector, so that every shuffle of two such vectors stays within
+        groups of four lanes.
+        """
+        first, second, third, fourth = (self._joined(rows[k::4]) for k in range(4))
+        found = []
+        for pick in ([0, 4, 1, 5], [2, 6, 3, 7]):
+            a, b = self._interleaved(first, second, pick), self._interleaved(third, fourth, pick)
+            found += [self._interleaved(a, b, half) for half in ([0, 1, 4, 5], [2, 3, 6, 7])]
+        return found
+
+    def _joined(self, parts: list[Value]) -> Value:
+        """Vector of the elements of the parts, one part after the other; their number is a power of 2."""
+        while len(parts) > 1:
+            size = parts[0].type.count
+            pairs = zip(parts[::2], parts[1::2], strict=True)
+            parts = [self.shuffled(a, b, list(range(2 * size))) for a, b in pairs]
+        return parts[0]
+
+    def _interleaved(self, a: Value, b: Value, order: list[int]) -> Value:
+        """Vector whose groups of four lanes contain these elements (a: 0 to 3, b: 4 to 7) of each group."""
+        return self.shuffled(
+            a,
+            b,
+            [
+                group + k % 4 + (self.lanes if k > 3 else 0)
+                for group in range(0, self.lanes, 4)
+                for k in order
+            ],
+        )
 
     @contextlib.contextmanager
     def loop(
