@@ -27,7 +27,7 @@ from jaxsph.core.kernels import Gaussian
 from jaxsph.core.pairs import Smoothing
 from jaxsph.core.search.base import needed_capacity
 from jaxsph.core.search.cells import cell_order, grid_over, search
-from jaxsph.core.slabs import Neighbours, PointNeighbours, Sources
+from jaxsph.core.slabs import ONE, Chosen, Neighbours, PointNeighbours, Sources
 from jaxsph.model.state import Particles, Tables
 from jaxsph.model.viscosity import ArtificialViscosity
 from jaxsph.schemes.integrators import SymplecticEuler
@@ -95,7 +95,7 @@ def right_hand_side(given: dict[str, np.ndarray]):
     }
     sources = Sources(water, jax.tree.map(lambda a: a[:0], water))  # no walls
     none = PointNeighbours.of(jnp.zeros((0, 0), jnp.int32))
-    tables = Tables(Neighbours(table.indices), none, {}, {}, x)
+    tables = Tables(Neighbours(table.indices), Chosen.of(jnp.zeros(0, jnp.int32), n, ONE), none, {}, {}, x)
     model = types.SimpleNamespace(g=jnp.zeros(2, jnp.float32))
 
     @jax.jit

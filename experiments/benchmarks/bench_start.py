@@ -17,9 +17,11 @@ CASES = ("owc", "wave_tank", "flap_2d", "section_fixed", "beach")
 PREDICT = """
 import sys
 import jaxsph as js
+from jaxsph.run.lowered import store_programs
+store_programs()
 print("predicted", js.duration(js.load_case(sys.argv[1]), devices=1).total)
 """
-"""Program that predicts the wall time (s) of a case."""
+"""Program that predicts the wall time (s) of a case from stored steps, as `jaxsph check --time` does."""
 
 
 def main(cases: str = ",".join(CASES)) -> None:

@@ -210,11 +210,11 @@ def native_weighted_sum(table: Array, weights: Array, f: Array) -> Callable[...,
     if not available() or weights.dtype != f.dtype:
         return None
     from jaxsph.core.native.functions import register
-    from jaxsph.core.native.sums import WeightedLoop
+    from jaxsph.core.native.sums import ABREAST, WeightedLoop
 
-    loop = WeightedLoop(np.dtype(f.dtype))
-    if table.shape[1] < loop.together:
+    if table.shape[1] < ABREAST:
         return None
+    loop = WeightedLoop(np.dtype(f.dtype))
     name, result = register(loop.module), jax.ShapeDtypeStruct(table.shape[1:], f.dtype)
 
     def call(table: Array, weights: Array, f: Array) -> Array:

@@ -94,8 +94,9 @@ class CandidateLoop(NamedTuple):
                         seen = b.icmp_signed("!=", b.and_(mask, v.load(kinds, np.int32, at)), none)
                         near = b.and_(near, b.and_(seen, b.icmp_signed("!=", index, me)))
                         # the neighbours come first; the next vector overwrites the lanes behind them
-                        packed = v.intrinsic("experimental.vector.compress", index, near, none)
-                        v.store(packed, here, np.int32, b.zext(_smaller(b, number, most), INDEX))
+                        v.store(
+                            v.packed(index, near), here, np.int32, b.zext(_smaller(b, number, most), INDEX)
+                        )
                         new.append(b.add(number, v.count(near)))
                 b.store(number, one.place(found, np.int32, i))
                 longer.append(_larger(b, longest, _smaller(b, number, most)))

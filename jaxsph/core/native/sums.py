@@ -24,9 +24,12 @@ from jaxsph.core.native.vectors import INDEX, Builder, Value, Vectors, scalar, v
 TOGETHER = 4
 """Number of fields that are loaded and transposed together."""
 
-ABREAST = 4
-"""Number of vectors of targets in a weighted sum; a slot's entries for them are adjacent in memory."""
+ABREAST = 64
+"""Number of targets whose weighted sums are computed together.
 
+A slot's entries for them are adjacent in memory, and memory is read faster in long pieces: with half of these
+targets, the sums of 80,000 to 130,000 targets take 1.05 to 1.3 times as long.
+"""
 
 PACKED = 8192
 """Number of sources in a part of the loop that copies their fields."""
@@ -161,11 +164,6 @@ class WeightedLoop(NamedTuple):
         """Number of targets in a vector."""
         return vector_bytes() // self.dtype.itemsize
 
-    @property
-    def together(self) -> int:
-        """Number of targets whose sums are computed together."""
-        return ABREAST * self.lanes
-
     def module(self, name: str) -> ir.Module:
         """Code of the loop as a function that XLA calls.
 
@@ -174,7 +172,7 @@ class WeightedLoop(NamedTuple):
         """
         module, call = begin_call(name)
         slots, targets = call.sizes(0, 2)
-        length = part_length(call.builder, slots, self.together)
+        length = part_length(call.builder, slots, ABREAST)
         with in_parts(call, targets, length) as (part, begin, end):
             self._sum(Vectors(part.builder, self.lanes), part, begin, end)
         call.finish()
@@ -185,21 +183,21 @@ class WeightedLoop(NamedTuple):
         builder = vectors.builder
         weights, field, table = (call.argument(k) for k in range(3))
         (slots, targets), (count,) = call.sizes(0, 2), call.sizes(1, 1)
-        last = builder.sub(targets, INDEX(self.together))
+        last = builder.sub(targets, INDEX(ABREAST))
         empty = vectors.spread(builder.trunc(builder.sub(count, INDEX(1)), ir.IntType(32)))
-        zeros = [vectors.constant(0, self.dtype)] * ABREAST
-        with vectors.loop(begin, end, self.together) as (group, _, _):
+        zeros = [vectors.constant(0, self.dtype)] * (ABREAST // self.lanes)
+        with vectors.loop(begin, end, ABREAST) as (group, _, _):
             at = builder.select(builder.icmp_signed("<", group, last), group, last)
             with vectors.loop(INDEX(0), slots, 1, *zeros) as (slot, totals, new):
                 start = builder.add(builder.mul(slot, targets), at)
-                places = [builder.add(start, INDEX(k * self.lanes)) for k in range(ABREAST)]
-                neighbours = [_slot(vectors, table, np.int32, place, self.together) for place in places]
+                places = [builder.add(start, INDEX(k * self.lanes)) for k in range(ABREAST // self.lanes)]
+                neighbours = [_slot(vectors, table, np.int32, place, ABREAST) for place in places]
                 here = [builder.icmp_unsigned("!=", one, empty) for one in neighbours]
 
                 def terms(places: list[Value] = places, neighbours: list[Value] = neighbours) -> list[Value]:
                     return [
                         builder.fmul(
-                            _slot(vectors, weights, self.dtype, place, self.together),
+                            _slot(vectors, weights, self.dtype, place, ABREAST),
                             vectors.gathered(field, self.dtype, one),
                             flags=FUSED,
                         )

@@ -100,6 +100,28 @@ class Vectors:
         number = self.builder.call(function, [self.builder.bitcast(mask, bits)])
         return self.builder.zext(number, ir.IntType(32))
 
+    def packed(self, a: Value, mask: Value) -> Value:
+        """The 32-bit elements of a vector in whose lanes a mask is true, followed by any numbers."""
+        features, b = llvm.get_host_cpu_features(), self.builder
+        if self.lanes != 8 or features.get("avx512f") or not features.get("avx2"):
+            return self.intrinsic("experimental.vector.compress", a, mask, self.constant(0, np.int32))
+        # without an instruction for this, LLVM would store one lane after the other
+        byte, name = ir.IntType(8), "orders"
+        row = ir.ArrayType(byte, 8)
+        orders: Any = b.module.globals.get(name)
+        if not orders:
+            orders = ir.GlobalVariable(b.module, ir.ArrayType(row, 256), name)
+            orders.linkage, orders.global_constant = "internal", True
+            first = [[k for k in range(8) if bits >> k & 1] for bits in range(256)]
+            orders.initializer = ir.Constant(orders.value_type, [(lanes + 8 * [0])[:8] for lanes in first])
+        bits = b.zext(b.bitcast(mask, byte), INDEX)
+        order = b.load(b.gep(orders, [bits], source_etype=row), typ=ir.VectorType(byte, 8), align=1)
+        kind, name = self.type(np.int32), "llvm.x86.avx2.permd"
+        permute = b.module.globals.get(name) or ir.Function(
+            b.module, ir.FunctionType(kind, [kind, kind]), name
+        )
+        return b.call(permute, [a, b.zext(order, kind)])
+
     def load(self, array: Value, dtype: Any, at: Value) -> Value:
         """Consecutive elements of an array from the index `at` on."""
         place = self.place(array, dtype, at)
