@@ -33,6 +33,7 @@ def test_the_file_of_a_run_is_profiled_from_its_last_checkpoint(tmp_path):
 def test_the_parts_of_a_step_add_up_to_its_time(profile):
     assert sum(share.seconds for share in profile.parts.values()) == pytest.approx(profile.step)
     assert profile.particles > 0 and profile.devices == 1 and profile.recording > 0.0
+    assert 0.2 * profile.step < profile.loops < profile.step
     assert profile.lowering > 0.0 and profile.compilation > 1.0 and profile.slowdown > 0.0
 
 

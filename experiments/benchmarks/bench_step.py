@@ -1,81 +1,44 @@
-"""Ratio of an OWC step's time to the time of its pair sums, peak memory, and wall time for 21 simulated s."""
+"""Ratio of a step's time to that of its native loops, with the wall time and the memory of a run."""
 
 from __future__ import annotations
 
 import resource
-import statistics
-import time
-
-import jax
+import tempfile
+from pathlib import Path
+from typing import Any
 
 import jaxsph as js
-from experiments.common import Report, timed, use_threads
-from jaxsph.model.state import Failure
-from jaxsph.schemes.step import at_rest
+from experiments.common import Report, use_threads
+
+CASES: dict[str, tuple[str, dict[str, Any], float]] = {
+    "OWC": ("owc", {"dx": 0.01}, 0.5),
+    "OWC, weakly compressible": ("owc", {"dx": 0.01, "scheme.kind": "weakly_compressible"}, 0.5),
+    "dam break on the column": ("dam_break_column", {"dx": 0.01}, 0.02),
+}
+"""Name, changes, and time (s) to which each case runs before its steps are measured."""
+LENGTH = 21.0
+"""Simulated time of the paper's run of the OWC, s; it took 36.1 h on four cores of an i5-7500T."""
+BAR = 1.4
+"""Largest ratio of a step's time to that of its loops (-)."""
 
 
-def main(dx: float = 0.01, steps: int = 2000, threads: int = 2, turns: int = 5) -> None:
-    """Runs `steps` steps of the OWC with spacing dx, alternating with its pair sums alone."""
+def main(threads: int = 1) -> None:
+    """Measures steps, searches and probes included, on `threads` cores."""
     use_threads(threads)
-    case = js.load_case("owc").replace({"dx": dx, "scheme.kind": "weakly_compressible"})
-    model, state = js.build(case)
-    probes = js.make_probes(case, model, state)
-    every = round(case.output.sample_dt / float(model.dt))
-    chunk = max(1, steps // (turns * every)) * every
-    advance = jax.jit(js.simulate, static_argnames=("n_steps", "sample_every"))
-
-    def run(state):
-        state, series = advance(model, state, n_steps=chunk, probes=probes, sample_every=every)
-        return jax.block_until_ready((state, series))[0]
-
-    passes = pair_passes(model, state)
-    run(state)  # compiles
-    whole, pairs = [], []
-    for _ in range(turns + 1):
-        began = time.perf_counter()
-        state = run(state)
-        whole.append((time.perf_counter() - began) / chunk)
-        if failure := Failure(int(state.status.bits)):
-            raise SystemExit(f"the run failed: {failure.name}")
-        pairs += [timed(passes) for _ in range(9)]
-    n = state.particles.x.shape[0]
-    step, work = statistics.median(whole), statistics.median(pairs)
-    ratio = min(whole) / min(pairs)
-    total = 21.0 / float(model.dt)
-    hours = total * step / 3600
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2
-    with Report("bench_step", f"A whole step of the OWC, {n} particles, {threads} thread(s)", dx) as report:
-        report.row("time per step", 1e3 * step, "ms")
-        report.row("time of the pair sums of a step", 1e3 * work, "ms")
-        report.row(
-            "shortest time of a step over the shortest time of its pair sums",
-            ratio,
-            bar="at most 1.6",
-            passes=ratio <= 1.6,
-        )
-        label = f"wall time for 21 s of simulated time, extrapolated from {len(whole) * chunk} steps"
-        # the paper: 36.1 h at dx = 0.01 m on four cores of an i5-7500T
-        report.row(label, 60 * hours, "min", paper=36.1 * 60, bar="< 60 min", passes=hours < 1)
+    with Report(f"bench_step_{threads}", f"A whole step and its native loops, {threads} core(s)") as report:
+        for name, (case, changes, t1) in CASES.items():
+            problem = js.load_case(case).replace(changes)
+            with tempfile.TemporaryDirectory() as folder:
+                path = Path(folder) / "run.h5"
+                js.run(problem, t1=t1, out=path, devices=1)
+                found = js.profile(path, devices=1)
+            report.row(f"{name}, {found.particles} particles: time per step", 1e3 * found.step, "ms")
+            report.row(f"{name}: native loops per step", 1e3 * found.loops, "ms")
+            ratio = found.step / found.loops
+            report.row(f"{name}: step over its loops", ratio, bar=f"at most {BAR}", passes=ratio <= BAR)
+            if case == "owc":
+                whole = (found.step + found.recording) * LENGTH / float(problem.problem().model.dt) / 60
+                title = f"{name}: wall time for {LENGTH:g} s of simulated time, from these steps"
+                report.row(title, whole, "min", paper=36.1 * 60, bar="< 60 min", passes=whole < 60)
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2
         report.row("peak memory of the process", peak, "GiB", bar="< 2 GB", passes=peak < 1.86)
-
-
-def pair_passes(model, state):
-    """Function that evaluates the two pair sums of one right-hand side on the tables of the model."""
-    scheme = model.scheme
-
-    @jax.jit
-    def prepared(state):
-        state, tables = scheme.prepare(model, state)
-        p = state.particles
-        ghosts = scheme.ghosts(model, state, tables, at_rest(model, state))
-        ghosts = scheme.ghost_velocity(model, state.parts, tables, ghosts)
-        return p, scheme.sources(ghosts, ghosts.u), tables
-
-    @jax.jit
-    def passes(particles, sources, tables):
-        rates = scheme.momentum(model, particles, sources, tables)
-        return rates.acceleration, scheme.continuity(particles, sources, rates.grad_rho, tables)
-
-    given = prepared(state)
-    jax.block_until_ready(passes(*given))
-    return lambda: passes(*given)

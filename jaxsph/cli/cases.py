@@ -64,6 +64,10 @@ def profile(
         for name, share in found.parts.items():
             solved = f", {share.iterations:.3g} iterations" if share.iterations else ""
             rows.append((f"  {name}", f"{share.seconds / found.step:6.1%}{solved}"))
+        if found.loops:
+            rows.append(
+                ("native loops", f"{found.loops / found.step:6.1%} of the time step, in several parts")
+            )
         rows.append(("recording", f"{found.recording / found.step:6.1%} of the time step, in addition to it"))
         compiled = (
             f"{found.lowering:.3g} s to convert the steps for XLA, {found.compilation:.3g} s to compile them"

@@ -59,6 +59,8 @@ class Profile(NamedTuple):
     """Wall time per time step, s, without tracing."""
     parts: dict[str, Share]
     """Share of each part, the largest first; the wall times add up to `step`."""
+    loops: float
+    """Wall time of the native loops, which are sums over neighbours and searches, s per time step."""
     recording: float
     """Wall time for recording samples and a snapshot in a file, s per time step, in addition to `step`."""
     lowering: float
@@ -121,11 +123,13 @@ def profile(given: Any, devices: int | None = None) -> Profile:
     lines = _executed(trace)
     count, steps = model.search.slabs.count, samples * every
     delay = max(traced - plain, 0.0) * 1e9 * count / sum(map(len, lines))
+    text = compiled.as_text()
     return Profile(
         len(start.state.particles.id),
         count,
         plain / steps,
-        _shares(lines, _scopes(compiled.as_text()), delay, plain / steps, steps * count),
+        _shares(lines, _scopes(text), delay, plain / steps, steps * count),
+        _loops(lines, text) / (steps * count),
         recording_time(start, [first, advance(first[0], 1)]),
         compiling - began,
         ready - compiling,
@@ -170,6 +174,15 @@ def _scopes(program: str) -> dict[str, list[str]]:
         found[1]: found[2].split("/")
         for found in re.finditer(r'^\s*(?:ROOT )?%?([\w.-]+) = .*op_name="([^"]*)"', program, re.MULTILINE)
     }
+
+
+def _loops(lines: list[list[_Operation]], program: str) -> float:
+    """Wall time of the native loops in all threads together, s; the median of a loop's executions counts."""
+    names = set(re.findall(r'%?([\w.-]+) = .*custom_call_target="jaxsph_', program))
+    took: dict[str, list[float]] = collections.defaultdict(list)
+    for operation in (operation for line in lines for operation in line if operation.name in names):
+        took[operation.name].append(operation.end - operation.start)
+    return 1e-9 * sum(len(times) * statistics.median(times) for times in took.values())
 
 
 def _nested(line: list[_Operation]) -> Iterator[tuple[_Operation, int | None]]:
