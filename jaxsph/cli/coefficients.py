@@ -9,8 +9,8 @@ import numpy as np
 import typer
 
 from jaxsph.cli.arguments import CaseName, Quick, Quiet, Settings, load
-from jaxsph.cli.studies import INTERRUPTED, announce, cluster
-from jaxsph.cli.terminal import messages, print_notes, print_table
+from jaxsph.cli.studies import announce, cluster
+from jaxsph.cli.terminal import INTERRUPTED, messages, print_notes, print_table
 
 FAR_OFF = 0.1
 """Ratio of a damping coefficient's standard deviation to its value above which the command prints a note."""

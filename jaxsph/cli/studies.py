@@ -25,15 +25,13 @@ from jaxsph.cli.arguments import (
     load,
     values_of,
 )
-from jaxsph.cli.terminal import messages, print_notes, print_table, write_page
+from jaxsph.cli.terminal import INTERRUPTED, messages, print_notes, print_table, write_page
 from jaxsph.errors import CaseError
 from jaxsph.output.sweep_file import SweepFile
 from jaxsph.report.doubts import doubts_of_members
 from jaxsph.report.labels import label_of
 from jaxsph.study.base import check_result
 
-INTERRUPTED = "interrupted; the same command continues where this one ended"
-"""Message after Ctrl-C: studies keep the checkpoints of their members."""
 CLUSTER_TIMEOUT = 10
 """Time limit for connecting to a cluster's scheduler, s."""
 

@@ -11,6 +11,9 @@ import typer
 from jaxsph.errors import ERROR_MARK, JaxsphError, SimulationError
 from jaxsph.run import interrupt
 
+INTERRUPTED = "interrupted; the same command continues where this one ended"
+"""Message after Ctrl-C: studies keep the checkpoints of their members."""
+
 
 def print_table(rows: list[tuple[str, str]]) -> None:
     """Prints labels and values in two columns."""

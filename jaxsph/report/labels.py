@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
@@ -185,3 +186,13 @@ def in_words(value: float) -> str:
     if float(value).is_integer() and abs(value) < 1e9:
         return f"{int(value)}"
     return f"{value:.4g}"
+
+
+def with_error_in_words(value: float, error: float) -> str:
+    """Value and error of a result with the digits that the error leaves, such as 0.68 ± 0.03."""
+    if not math.isfinite(error) or error == 0.0:
+        return in_words(value)
+    digits = 1 - math.floor(math.log10(error))
+    if digits < 0:
+        value, error = round(value, digits), round(error, digits)
+    return f"{value:.{max(digits, 0)}f} ± {error:.{max(digits, 0)}f}"
