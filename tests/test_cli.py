@@ -1,7 +1,9 @@
 """The command line, with a fake solver: options passed on, output printed, exit status."""
 
+import inspect
 import re
 import types
+from importlib.metadata import version
 
 import numpy as np
 import pytest
@@ -114,6 +116,20 @@ def test_a_new_case_needs_a_name(tmp_path, monkeypatch, name):
     result = _jaxsph("new", name)
     assert result.exit_code == 2 and "must end with a file name" in result.stderr
     assert not list(tmp_path.iterdir())
+
+
+def test_the_version_is_printed():
+    result = _jaxsph("--version")
+    assert result.exit_code == 0 and result.stdout.strip() == f"jaxsph {version('jaxsph')}"
+
+
+def test_the_end_time_can_be_given_to_every_command_that_runs_a_case():
+    """The runs of `coefficients` end after a number of periods, which has its own option."""
+    parameters = {one.name: inspect.signature(one.callback).parameters for one in app.registered_commands}
+    run = {name for name, found in parameters.items() if {"quick", "out"} <= set(found)}
+    assert run >= {"run", "sweep", "matrix", "slope", "optimise"}
+    assert {name for name in run if "t1" not in parameters[name]} == {"coefficients"}
+    assert load("owc", None, t1=3.0).t1 == 3.0 and load("owc", None, True, 3.0).t1 == 3.0
 
 
 def test_run_records_prints_and_plots(calls, tmp_path):

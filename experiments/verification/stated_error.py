@@ -24,7 +24,7 @@ BAR = 10
 
 
 def main(t1: float = 14.0, cases: int = 12) -> None:
-    """Runs the first `cases` of twelve cases: four runs that state the error, and one at the finest spacing."""
+    """Runs the first `cases` of twelve cases, each four times to state the error and once more finely."""
     with Report("stated_error", "The stated error of the spacing against finer runs, OWC", FINEST) as report:
         covered = 0
         chosen = list(itertools.product(DAMPINGS, PERIODS, HEIGHTS))[:cases]

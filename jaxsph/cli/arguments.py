@@ -159,10 +159,10 @@ Program = Annotated[
 ]
 
 
-def load(name: str, settings: list[str] | None, quick: bool = False) -> Any:
+def load(name: str, settings: list[str] | None, quick: bool = False, t1: float | None = None) -> Any:
     """Loads a case by name, or a program FILE.py:FUNCTION, with the values of --set; sets JAX's precision.
 
-    `quick`: whether to return the coarse form of the case, for a first look.
+    `quick`: whether to return the coarse form of the case, for a first look; `t1`: its new end time, s.
     """
     import jaxsph as js
 
@@ -175,7 +175,8 @@ def load(name: str, settings: list[str] | None, quick: bool = False) -> Any:
             print_notes(_dropped(given, case, changes))
     match_precision(case.arguments.get("precision") if is_program else getattr(case, "precision", None))
     interrupt.raise_again()
-    return js.coarsen(case) if quick else case
+    case = js.coarsen(case) if quick else case
+    return case if t1 is None else case.replace({"t1": t1})
 
 
 def _dropped(before: Any, after: Any, changes: dict[str, Any]) -> list[str]:

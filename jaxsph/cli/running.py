@@ -72,8 +72,7 @@ def run(
         }
         with messages(INTERRUPTED):
             _omit("--error", [name for name, given in refused.items() if given])
-            loaded = load(case, settings, quick)
-            _run_with_error(loaded if t1 is None else loaded.replace({"t1": t1}), out, report, quiet)
+            _run_with_error(load(case, settings, quick, t1), out, report, quiet)
         return
     with messages():
         is_first = _find(devices, process)

@@ -73,12 +73,10 @@ def sweep(
     import jaxsph as js
 
     with messages(INTERRUPTED), cluster(scheduler) as executor:
-        loaded = load(case, settings, quick)
         over = each_once((values_of(text) for text in grid), "--grid")
-        if t1 is not None:
-            if "t1" in over:
-                raise CaseError("--t1: t1 is also a parameter of --grid; give only one of the two")
-            loaded = loaded.replace({"t1": t1})
+        if t1 is not None and "t1" in over:
+            raise CaseError("--t1: t1 is also a parameter of --grid; give only one of the two")
+        loaded = load(case, settings, quick, t1)
         out = out if out is not None else Path("runs") / f"{loaded.name}_sweep.h5"
         if not quiet:
             _refuse_equal(loaded, over)
@@ -117,6 +115,7 @@ def matrix(
     ] = None,
     settings: Settings = None,
     quick: Quick = False,
+    t1: EndTime = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="File; default: runs/<name of the case>_matrix.h5"),
@@ -132,7 +131,7 @@ def matrix(
     import jaxsph as js
 
     with messages(INTERRUPTED), cluster(scheduler) as executor:
-        loaded = load(case, settings, quick)
+        loaded = load(case, settings, quick, t1)
         scatter = None if table is None else js.ScatterTable.read(table)
         Hs, Tp = (
             values_of(f"{name}={text}", f"--{name}")[1] for name, text in (("hs", heights), ("tp", periods))
@@ -174,6 +173,7 @@ def slope(  # its arguments are the options of the command
     ] = 0.3,
     settings: Settings = None,
     quick: Quick = False,
+    t1: EndTime = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="File; default: runs/<name of the case>_<KEY>.h5"),
@@ -184,7 +184,7 @@ def slope(  # its arguments are the options of the command
     import jaxsph as js
 
     with messages(INTERRUPTED if method is Way.ensemble else "interrupted"):
-        loaded = load(case, settings, quick)
+        loaded = load(case, settings, quick, t1)
         out = out if out is not None else Path("runs") / f"{loaded.name}_{over}.h5"
         if not quiet:
             _note(loaded, {})
@@ -226,6 +226,7 @@ def optimise(  # its arguments are the options of the command
     ] = None,
     settings: Settings = None,
     quick: Quick = False,
+    t1: EndTime = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="File; default: runs/<name of the case>_optimum.h5"),
@@ -237,7 +238,7 @@ def optimise(  # its arguments are the options of the command
     import jaxsph as js
 
     with messages(INTERRUPTED):
-        loaded = load(case, settings, quick)
+        loaded = load(case, settings, quick, t1)
         out = out if out is not None else Path("runs") / f"{loaded.name}_optimum.h5"
         bounds = each_once((bounds_of(text) for text in over), "--over")
         way = method.of(spread, members)
