@@ -289,3 +289,18 @@ def test_decay_per_wavelength_refuses_what_has_none():
         analysis.decay_per_wavelength(x, 0.0 * x, 1.0)
     with pytest.raises(ValueError, match="four or more positions"):
         analysis.decay_per_wavelength([1.0], [1.0], 1.0)
+
+
+# --- energy budget
+
+
+@pytest.mark.parametrize("kept", [(), ("loss_viscous",), ("power_sponge", "loss_viscous", "loss_other")])
+def test_a_budget_lists_the_losses_that_a_run_has(kept):
+    t = np.linspace(0.0, 2.0, 21)
+    series = {"time": t, **{name: 0.0 * t for name in ("kinetic", "potential", "compression")}}
+    series |= {"power_paddle": np.ones_like(t), **{name: np.full_like(t, 0.25) for name in kept}}
+    budget = analysis.energy_budget(series)
+    losses = {name.split("_")[1] for name in kept}
+    assert set(budget) == {"paddle", "stored", "pto", "residual", "residual_share"} | losses
+    assert all(budget[name] == pytest.approx(0.5) for name in losses)
+    assert budget["residual"] == pytest.approx(2.0 - 0.5 * len(losses))

@@ -23,8 +23,8 @@ def energy_budget(
     """Energies supplied, stored and removed over a whole record, J (J/m in 2-D), by name.
 
     The keys are `paddle` (work of paddles, driven bodies, relaxation zones and body forces), `stored` (change
-    of kinetic, potential and compression energy), `pto` (absorbed by all power take-offs), `viscous`,
-    `diffusive`, `<name>` for every other series `power_<name>` (energy removed from the water, for example
+    of kinetic, potential and compression energy), `pto` (absorbed by all power take-offs), `<name>` for every
+    series `loss_<name>` or other series `power_<name>` (energy removed from the water, for example `viscous`,
     `sponge`, `contact`), `residual` (the imbalance), and `residual_share` (ratio of `residual` to the
     paddle's work or to the largest kinetic energy, whichever is larger). The entry `projection` of an
     incompressible flow is negative if the pressure projection adds energy to the water.
@@ -39,18 +39,14 @@ def energy_budget(
     def work(name: str) -> float:
         return float(np.sum(series[name][1:] * dt)) if name in series else 0.0
 
-    def loss(name: str) -> float:
-        return float(np.trapezoid(series[name], t)) if name in series else 0.0
-
     total = series["kinetic"] + series["potential"] + series["compression"]
     budget = {
         "paddle": work("power_paddle"),
         "stored": float(total[-1] - total[0]),
         "pto": sum((work(name) for name in harvested), 0.0),
-        "sponge": work("power_sponge"),
-        "viscous": loss("loss_viscous"),
-        "diffusive": loss("loss_diffusive"),
     }
+    losses = [name for name in series if name.startswith("loss_")]
+    budget |= {name.removeprefix("loss_"): float(np.trapezoid(series[name], t)) for name in losses}
     budget |= {taker: work(f"power_{taker}") for taker in takers(series, harvested)}
     spent = sum(v for k, v in budget.items() if k != "paddle")
     budget["residual"] = budget["paddle"] - spent
