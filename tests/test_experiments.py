@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 import jaxsph as js
 from experiments import __main__ as runner
 from experiments import common, prose, sentences
+from experiments.benchmarks.bench_pairs import right_hand_side
 from experiments.common import COMMITTED, OWN, Report
 from experiments.studies import convergence, damping_study, owc_methods
 from experiments.verification import thin_wall
@@ -305,3 +306,18 @@ def test_numbers_in_prose_follow_the_results_and_nothing_else_changes(tmp_path):
     for text in ("nothing", page + page):
         with pytest.raises(ValueError, match=r"p has 'lost .* it must occur once"):
             prose.renewed("p", text, results, (sentence,))
+
+
+def test_pair_sums_are_evaluated_for_given_inputs():
+    """Uniform water: the divergence of the positions is 2 inside, and gradients and rates vanish."""
+    n, dx = 24, 0.01
+    x, y = (a.ravel().astype(np.float32) for a in np.meshgrid(*[dx * np.arange(n)] * 2, indexing="ij"))
+    zero = np.zeros_like(x)
+    given = {"x": x, "y": y, "u": zero, "v": zero, "rho": zero + 1000.0, "volume": zero + dx**2}
+    given |= {"h": 1.2 * dx, "radius": 3.6 * dx, "dx": dx, "c0": 10.0, "rho0": 1000.0, "delta": 0.1}
+    evaluate, found = right_hand_side(given | {"alpha": 0.01})
+    inside = (np.abs(x - x.mean()) < 6 * dx) & (np.abs(y - y.mean()) < 6 * dx)
+    for name, values in found.items():
+        expected = 2.0 if name == "position_divergence" else 0.0
+        np.testing.assert_allclose(values[inside], expected, atol=0.01, err_msg=name)
+    evaluate()

@@ -61,8 +61,8 @@ def run(
     The run is recorded in the file `out`, if given.
 
     An interrupt (Ctrl-C) stops the run at the end of a chunk; a second interrupt stops it at once. `devices`:
-    number of accelerators or CPU cores that share the particles (see `docs/cluster.md`); by default the
-    largest number that makes the run faster.
+    number of accelerators, or of CPU cores used as devices, among which the particles are divided (see
+    `docs/cluster.md`); by default the largest number that makes the run faster.
     **Returns** the series as numpy arrays with the last state and scalar results.
     **Raises** CaseError, FileError (the output exists), SimulationError (kind, place and time of the failure,
     and what to change; the file then holds the last good checkpoint).
