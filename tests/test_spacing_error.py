@@ -80,6 +80,18 @@ def test_the_case_is_run_at_its_spacing_and_at_half_of_it(monkeypatch):
         found["unknown"]
 
 
+def test_all_runs_have_the_geometry_of_the_case(monkeypatch):
+    """At half of the spacing this depth would be rounded to another value."""
+    case = CASE.replace({"tank.depth": 10.6 * CASE.dx})
+    called = _pretended(monkeypatch, {"steps": np.ones(4), "xi": np.ones(4)})
+    found = js.with_error(case, "any.h5")
+    assert list(found.results) == ["xi"]
+    assert case.built("tank.depth") != case.replace({"dx": 0.5 * case.dx}).built("tank.depth")
+    members = [called["source"].replace({"dx": dx}) for dx in called["over"]["dx"]]
+    for key in ("tank.depth", "tank.length"):
+        assert [one.built(key) for one in members] == pytest.approx([case.built(key)] * 4)
+
+
 def test_a_failed_run_and_wrong_input_are_named(monkeypatch):
     _pretended(monkeypatch, {"xi": np.ones(4)}, {(0,): "the water left the tank"})
     with pytest.raises(CaseError, match=r"the run with dx = 0\.\d+ m failed: the water left the tank"):

@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxsph.analysis.spacing import Limit, limit
 from jaxsph.case.case import Case
+from jaxsph.case.geometry import Geometry
 from jaxsph.errors import CaseError
 from jaxsph.problem.sources import source_of
 from jaxsph.study.sweep import Sweep, sweep
@@ -19,6 +20,8 @@ FINER = 2
 NUDGE = 1e-5
 """Relative change of the water's density between runs at one spacing (-). The change itself alters results by
 about as much, but the particles soon move differently, as they do after any small change."""
+OF_THE_RUN = ("t_end", "steps", "wall_seconds", "particle_steps_per_second")
+"""Results that describe the run, and have no limit."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,8 @@ def with_error(
 ) -> WithError:
     """Runs a case `repeats` times at its spacing and once at half of it, and extrapolates all results.
 
-    The limits and their errors are those of `analysis.spacing.limit`. The finer run takes about eight times
+    The limits and their errors are those of `analysis.spacing.limit`. Lengths that the lattice rounds are
+    rounded at the case's spacing, and keep this value in all runs. The finer run takes about eight times
     as long as the case in two dimensions, and sixteen times in three. The runs at the case's spacing differ
     in the water's density by a hundred-thousandth, so that their scatter becomes visible.
 
@@ -57,12 +61,15 @@ def with_error(
         raise CaseError(f"{source.name}: only the spacing of a case can be changed, and this is a program")
     if repeats < 2:
         raise CaseError(f"repeats = {repeats}: must be 2 or more, as one run does not show the scatter")
+    # with half of the spacing, a length may be rounded to another value
+    source = source.replace(dict(Geometry.of(source).rounded))
     spacings = [source.dx / FINER, *[source.dx] * repeats]  # the longest run begins first
     densities = [source.fluid.rho0 * (1.0 + NUDGE * k) for k in (0, *range(repeats))]
     over = {"dx": spacings, "fluid.rho0": densities}
     done = sweep(source, over, out, grid=False, workers=workers, progress=progress)
     for (k,), text in done.failures.items():
         raise CaseError(f"the run with dx = {spacings[k]:g} m failed: {text}")
-    known = {name: values for name, values in done.results.items() if np.all(np.isfinite(values))}
+    results = {name: values for name, values in done.results.items() if name not in OF_THE_RUN}
+    known = {name: values for name, values in results.items() if np.all(np.isfinite(values))}
     found = {name: limit(np.asarray(spacings), values) for name, values in known.items()}
     return WithError((source.dx, source.dx / FINER), found, done)
