@@ -3,12 +3,12 @@ them."""
 
 from __future__ import annotations
 
-from importlib.metadata import version
 from typing import Annotated
 
 import typer
 
 from jaxsph.cli import cases, coefficients, running, showing, studies
+from jaxsph.output.hdf5 import version as installed_version
 
 app = typer.Typer(
     name="jaxsph",
@@ -21,7 +21,7 @@ app = typer.Typer(
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"jaxsph {version('jaxsph')}")
+        typer.echo(f"jaxsph {installed_version()}")
         raise typer.Exit
 
 

@@ -107,12 +107,13 @@ def _omit(option: str, given: Sequence[str]) -> None:
 def _run_with_error(loaded: Any, out: Path | None, report: bool, quiet: bool) -> None:
     """Runs a case at two spacings, prints the limits of its results, and writes a page."""
     import jaxsph as js
+    from jaxsph.study.spacing_error import FINER
 
     out = out if out is not None else Path("runs") / f"{loaded.name}_error.h5"
     out.parent.mkdir(parents=True, exist_ok=True)
     if not quiet and isinstance(loaded, js.Case) and not out.exists():
         print_notes([*loaded.notices(), *filter(None, [advice()])])
-        finer = js.duration(loaded.replace({"dx": 0.5 * loaded.dx}), devices=1)
+        finer = js.duration(loaded.replace({"dx": loaded.dx / FINER}), devices=1)
         typer.echo(f"the run with half of the spacing takes about {in_time(finer.total)}", err=True)
     found = js.with_error(loaded, out, progress=not quiet)
     flat, own = loaded.dim == 2, found.runs.meanings.labels

@@ -12,7 +12,7 @@ from llvmlite import ir
 from jaxsph.core.native.calls import Call, begin_call
 from jaxsph.core.native.threads import in_parts
 from jaxsph.core.native.translation import FUSED
-from jaxsph.core.native.vectors import INDEX, Builder, Value, Vectors, vector_bytes
+from jaxsph.core.native.vectors import INDEX, Builder, Value, Vectors, smaller, vector_bytes
 
 INT = ir.IntType(32)
 
@@ -78,7 +78,7 @@ class CandidateLoop(NamedTuple):
         pitch, none = b.mul(lists, INDEX(self.lanes)), v.constant(0, np.int32)
 
         with one.loop(first, end, BLOCK) as (begin, _, _):
-            size = _smaller(b, INDEX(BLOCK), b.sub(end, begin))
+            size = smaller(b, INDEX(BLOCK), b.sub(end, begin))
             with one.loop(INDEX(0), size, 1, INT(0)) as (target, (longest,), longer):
                 i, here = b.add(begin, target), one.place(listed, np.int32, b.mul(target, pitch))
                 mask, me = (v.spread(one.element(a, np.int32, i)) for a in (sees, own))
@@ -95,11 +95,11 @@ class CandidateLoop(NamedTuple):
                         near = b.and_(near, b.and_(seen, b.icmp_signed("!=", index, me)))
                         # the neighbours come first; the next vector overwrites the lanes behind them
                         v.store(
-                            v.packed(index, near), here, np.int32, b.zext(_smaller(b, number, most), INDEX)
+                            v.packed(index, near), here, np.int32, b.zext(smaller(b, number, most), INDEX)
                         )
                         new.append(b.add(number, v.count(near)))
                 b.store(number, one.place(found, np.int32, i))
-                longer.append(_larger(b, longest, _smaller(b, number, most)))
+                longer.append(_larger(b, longest, smaller(b, number, most)))
             # Rows of the table may be a multiple of 4096 bytes apart, and would then replace each other in
             # the cache if each target wrote to all rows in turn.
             longest, numbers = b.zext(longest, INDEX), one.place(found, np.int32, begin)
@@ -172,11 +172,6 @@ class CandidateLoop(NamedTuple):
         return total
 
 
-def _smaller(b: Builder, a: Value, c: Value) -> Value:
-    """The smaller of two integers."""
-    return b.select(b.icmp_signed("<", a, c), a, c)
-
-
 def _larger(b: Builder, a: Value, c: Value) -> Value:
     """The larger of two integers."""
     return b.select(b.icmp_signed("<", a, c), c, a)
@@ -193,7 +188,7 @@ def _fill(
     """
     b, one = v.builder, Vectors(v.builder, 1)
     with one.loop(INDEX(0), size[0], 1) as (k, _, _):
-        number = _smaller(b, one.element(numbers[0], np.int32, k), numbers[1])
+        number = smaller(b, one.element(numbers[0], np.int32, k), numbers[1])
         with v.loop(b.zext(number, INDEX), size[1], v.lanes) as (slot, _, _):
             v.store(v.spread(a), lists[0], np.int32, b.add(b.mul(k, lists[1]), slot))
 

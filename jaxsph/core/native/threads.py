@@ -17,7 +17,7 @@ import llvmlite.binding as llvm
 from llvmlite import ir
 
 from jaxsph.core.native.calls import Call, at_offset, loaded_pointer, position_of
-from jaxsph.core.native.vectors import INDEX, POINTER, Builder, Value
+from jaxsph.core.native.vectors import INDEX, POINTER, Builder, Value, smaller
 
 NOTHING = ir.VoidType()
 PART = ir.FunctionType(NOTHING, [POINTER, INDEX, INDEX])
@@ -75,7 +75,7 @@ def _divide(
     """
     b, (work, task) = call.builder, functions
     parts = b.udiv(b.add(count, b.sub(step, INDEX(1))), step)
-    others = b.sub(_smaller(b, _threads(call), parts), INDEX(1))
+    others = b.sub(smaller(b, _threads(call), parts), INDEX(1))
     with b.if_else(b.icmp_signed("<", others, INDEX(1))) as (alone, together):
         with alone:
             b.call(part, [call.frame, INDEX(0), count])
@@ -160,7 +160,7 @@ def _work(module: ir.Module, part: ir.Function) -> ir.Function:
     b.cbranch(b.icmp_signed("<", k, parts), body, after)
     b.position_at_end(body)
     begin = b.mul(k, step)
-    b.call(part, [frame, begin, _smaller(b, b.add(begin, step), count)])
+    b.call(part, [frame, begin, smaller(b, b.add(begin, step), count)])
     b.atomic_rmw("add", at_offset(b, shared, _DONE), INDEX(1), "release")
     b.branch(head)
     b.position_at_end(after)
@@ -230,8 +230,3 @@ def _reserved(b: Builder, size: int) -> Value:
 def _retyped(b: Builder, address: Value, kind: ir.Type) -> Value:
     """Address with another type; llvmlite takes a cast between types of addresses for no cast at all."""
     return b.inttoptr(b.ptrtoint(address, INDEX), kind)
-
-
-def _smaller(b: Builder, a: Value, c: Value) -> Value:
-    """The smaller of two integers."""
-    return b.select(b.icmp_signed("<", a, c), a, c)

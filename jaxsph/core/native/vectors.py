@@ -49,6 +49,11 @@ def scalar(dtype: Any) -> ir.Type:
         raise UntranslatableError(f"arrays of {dtype}") from None
 
 
+def smaller(b: Builder, a: Value, c: Value) -> Value:
+    """The smaller of two integers."""
+    return b.select(b.icmp_signed("<", a, c), a, c)
+
+
 class Vectors:
     """Writer of instructions on vectors with a fixed number of lanes."""
 
