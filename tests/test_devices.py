@@ -160,7 +160,7 @@ def test_the_air_takes_its_own_work_of_kinetic_energy(seed, K_dm, dt):
         )
         zero = jnp.zeros(n)
         water = Particles(jnp.zeros((n, 2)), jnp.zeros((n, 2)), u, zero, m, jnp.arange(n), zero, zero)
-        tables = Tables(Neighbours(jnp.zeros((1, n), int)), None, None, {}, {"chamber": index}, None)
+        tables = Tables(Neighbours.of(jnp.zeros((1, n), int)), None, None, {}, {"chamber": index}, None)
         sources = Sources({"x": (zero, zero), "V": zero}, {})
         start = chamber.start(float)
         coupling = chamber.coupling(_NoPairs(tuple(grip)), water, sources, tables, {})

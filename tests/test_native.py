@@ -141,7 +141,12 @@ def test_integers_of_64_bits_are_read_as_such():
 
 
 def _weights(fields, smoothing, table):
-    """Sums and weights of a law whose constant is a traced value."""
+    """Sums, and weights by slot, of a law whose constant is a traced value."""
+    sums, weights = _stored(fields, smoothing, forms.blocked(table))
+    return sums, forms.blocked(table).by_slot(weights)
+
+
+def _stored(fields, smoothing, table):
     law = functools.partial(_laplacian, guard=1e-3 * smoothing.h**2)
     return pair_weights(law, smoothing, fields, with_empty(fields), table)
 
@@ -176,8 +181,8 @@ def test_weights_agree_in_every_slot():
 
 def _weighted(fields, smoothing, table):
     """Weighted sum of a field over all neighbours, with weights that depend on other fields."""
-    sources = with_empty(fields)
-    return weighted_sum(_weights(fields, smoothing, table)[1], sources["p"] * sources["V"], table)
+    sources, table = with_empty(fields), forms.blocked(table)
+    return weighted_sum(_stored(fields, smoothing, table)[1], sources["p"] * sources["V"], table)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -191,11 +196,12 @@ def test_weighted_sums_agree(dim):
 
 def test_a_weighted_sum_can_be_transposed_in_the_form_of_jax():
     fields, smoothing, table = _fields(2), _smoothing(2), _table(COUNTS[2])
-    weights, n = _weights(fields, smoothing, table)[1], COUNTS[2] + 1
+    listed, n = forms.blocked(table), COUNTS[2] + 1
+    weights = _stored(fields, smoothing, listed)[1]
     with forms.switched(False):
-        transposed = jax.linear_transpose(lambda f: weighted_sum(weights, f, table), jnp.zeros(n))
+        transposed = jax.linear_transpose(lambda f: weighted_sum(weights, f, listed), jnp.zeros(n))
         (back,) = transposed(jnp.ones(COUNTS[2]))
-    expected = np.bincount(np.ravel(table), np.ravel(weights), n)
+    expected = np.bincount(np.ravel(table), np.ravel(listed.by_slot(weights)), n)
     np.testing.assert_allclose(back, expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from jaxsph.core.native.calls import begin_call
+from jaxsph.core.native.forms import blocked
 from jaxsph.core.native.functions import register
 from jaxsph.core.native.threads import in_parts
 from jaxsph.core.native.vectors import INDEX, Vectors
@@ -65,8 +66,9 @@ def _sums():
     fields = {"x": tuple(x.T), **{name: x[:, 0] + k for k, name in enumerate(("p", "V", "rho"))}}
     smoothing = Smoothing(KERNEL[2], jnp.float32(0.01))
     sums = jax.jit(lambda f: pair_sum(laws.pressure_force, smoothing, f, with_empty(f), table))(fields)
-    weights = jnp.asarray(rng.uniform(0.0, 1.0, table.shape), jnp.float32)
-    weighted = jax.jit(weighted_sum)(weights, jnp.append(x[:, 1], 0.0), table)
+    listed = blocked(table)
+    weights = listed.stored(jnp.asarray(rng.uniform(0.0, 1.0, table.shape), jnp.float32))
+    weighted = jax.jit(weighted_sum)(weights, jnp.append(x[:, 1], 0.0), listed)
     found = hashlib.sha256()
     for a in (table, *sums, weighted):
         found.update(np.asarray(a).tobytes())

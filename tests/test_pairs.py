@@ -11,6 +11,7 @@ from conftest import enable_x64
 from jaxsph.core import pairs
 from jaxsph.core.arrays import columns
 from jaxsph.core.kernels import Gaussian, WendlandC2
+from jaxsph.core.native.forms import blocked
 from jaxsph.core.pairs import (
     Smoothing,
     pair_sum,
@@ -121,7 +122,7 @@ def test_isolated_blob_keeps_its_momentum(dim, viscosity):
         integrator=SymplecticEuler(),
     )
     weightless = types.SimpleNamespace(g=jnp.zeros(dim))
-    tables = types.SimpleNamespace(fluid=Neighbours(_all_others(n)))
+    tables = types.SimpleNamespace(fluid=Neighbours.of(_all_others(n)))
     del sources["grad_rho"]
     rates = scheme.momentum(weightless, particles, Sources(sources, {}), tables)
     force = np.asarray(m) * np.stack(rates.acceleration)
@@ -263,8 +264,9 @@ def test_loops_over_slots_give_one_sum_and_one_slope(monkeypatch):
         f = fields | {"x": columns(x)}
         force = pair_sum(laws.pressure_force, _smoothing(), f, with_empty(f), table)
         law = lambda pair, i, j: (pair.W, j["V"] * pair.W)  # noqa: E731
-        filled, weights = pair_weights(law, _smoothing(), f, with_empty(f), table)
-        return jnp.stack([*force, filled, weighted_sum(weights, jnp.append(f["rho"], 0.0), table)])
+        listed = blocked(table)
+        filled, weights = pair_weights(law, _smoothing(), f, with_empty(f), listed)
+        return jnp.stack([*force, filled, weighted_sum(weights, jnp.append(f["rho"], 0.0), listed)])
 
     def sums_and_slopes(loop):
         monkeypatch.setattr(pairs, "slot_loop", lambda: loop)

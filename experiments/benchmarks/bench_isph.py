@@ -79,13 +79,13 @@ def _operator(model: js.Model, state: js.State, turns: int) -> float:
     """Time per pair (s) of a sum over the water's neighbours with given weights."""
     sources = len(state.particles.id) + model.walls.count
     _, tables = jax.jit(lambda m, s: m.scheme.prepare(m, s))(model, state)
-    table = tables.fluid.indices
-    weights = jnp.ones(table.shape, state.particles.p.dtype)
+    table = tables.fluid.table
+    weights = table.stored(jnp.ones(table.indices.shape, state.particles.p.dtype))
     field = jnp.zeros(sources + 1, weights.dtype)
     operator = jax.jit(weighted_sum).lower(weights, field, table).compile()
     operator(weights, field, table)
     once = min(_seconds(operator, weights, field, table) for _ in range(turns))
-    return once / int(np.sum(np.asarray(table) != sources))
+    return once / int(np.sum(np.asarray(table.indices) != sources))
 
 
 def _seconds(function, *arguments) -> float:

@@ -95,7 +95,7 @@ def right_hand_side(given: dict[str, np.ndarray]):
     }
     sources = Sources(water, jax.tree.map(lambda a: a[:0], water))  # no walls
     none = PointNeighbours.of(jnp.zeros((0, 0), jnp.int32))
-    tables = Tables(Neighbours(table.indices), Chosen.of(jnp.zeros(0, jnp.int32), n, ONE), none, {}, {}, x)
+    tables = Tables(Neighbours.of(table.indices), Chosen.of(jnp.zeros(0, jnp.int32), n, ONE), none, {}, {}, x)
     model = types.SimpleNamespace(g=jnp.zeros(2, jnp.float32))
 
     @jax.jit

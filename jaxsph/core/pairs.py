@@ -18,6 +18,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Components, Float, Int, Scalar, dot
+from jaxsph.core.blocks import BlockedTable
 from jaxsph.core.kernels import AbstractKernel
 from jaxsph.core.native.forms import available, native_loop, native_weighted_sum
 from jaxsph.core.transforms import any_lane, gather, gather_linearly, keep
@@ -139,32 +140,34 @@ def linear_pair_sum(
 
 
 def pair_weights(
-    law: Law, smoothing: Smoothing, targets: Fields, sources: Fields, table: Int[Array, "K N"]
+    law: Law, smoothing: Smoothing, targets: Fields, sources: Fields, table: BlockedTable
 ) -> tuple[Any, Any]:
-    """Sum over neighbours of the law's first result, and the law's second result for every slot, `[K, N]`.
+    """Sum over neighbours of the law's first result, and the law's second result for every slot, a pytree of
+    arrays that `weighted_sum` uses.
 
-    The second results are the weights of a sum that is evaluated many times (`weighted_sum`). The arguments
-    are those of `pair_sum`; the law returns a pair (term, weight).
+    The second results are the weights of a sum that is evaluated many times. The arguments are those of
+    `pair_sum`; the law returns a pair (term, weight).
     """
-    fields = (smoothing, targets, sources)
-    terms, closed = jax.closure_convert(_terms(law, *fields, gather), table[0])
-    summed, weights = jax.eval_shape(terms, table[0], *closed)
-    sums, structure = len(jax.tree.leaves(summed)), jax.tree.structure((summed, weights))
-    native, given = _native(law, *fields, table, sums, structure)
+    fields, indices = (smoothing, targets, sources), table.indices
+    terms, closed = jax.closure_convert(_terms(law, *fields, gather), indices[0])
+    summed, weights = jax.eval_shape(terms, indices[0], *closed)
+    structure, sums = jax.tree.structure((summed, weights)), len(jax.tree.leaves(summed))
+    native, given = _native(law, *fields, indices, sums, structure) if table.in_blocks else (None, ())
 
-    def by_jax(table, *closed):
+    def by_jax(indices, *closed):
         def add(total, slot):
             term, weight = terms(slot, *closed)
             return jax.tree.map(jnp.add, total, term), weight
 
         start = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), summed)
-        return slot_loop().over(add, start, table)
+        total, weights = slot_loop().over(add, start, indices)
+        return total, jax.tree.map(table.stored, weights)
 
-    return _preferred(native, by_jax, by_jax, table, closed, given)
+    return _preferred(native, by_jax, by_jax, indices, closed, given)
 
 
 def weighted_sum(
-    weights: Float[Array, "K N"], f: Float[Array, " M"], table: Int[Array, "K N"]
+    weights: Float[Array, " E"], f: Float[Array, " M"], table: BlockedTable
 ) -> Float[Array, " N"]:
     """Weighted sum over neighbours, sum_k weights[k] f[table[k]], linear in f; its unit is the product of the
     units of `weights` and f.
@@ -173,16 +176,18 @@ def weighted_sum(
     weights are zero. Only JAX's form of this sum can be transposed (`forms.switched`).
     """
 
-    def by_jax(table, weights, f):
+    def by_jax(indices, weights, f):
         def add(total, row):
             weight, slot = row
             return total + weight * gather_linearly(f, slot), None
 
-        return slot_loop().over(add, jnp.zeros(weights.shape[1], f.dtype), (weights, table))[0]
+        start = jnp.zeros(indices.shape[1], f.dtype)
+        return slot_loop().over(add, start, (table.by_slot(weights), indices))[0]
 
-    if native := native_weighted_sum(table, weights, f):
-        return _preferred(native, by_jax, by_jax, table, (weights, f), (weights, f))
-    return by_jax(table, weights, f)
+    native = native_weighted_sum(table, weights, f)
+    if not native:
+        return by_jax(table.indices, weights, f)
+    return _preferred(native, by_jax, by_jax, table.indices, (weights, f), (table.blocks, weights, f))
 
 
 def _terms(law, smoothing, targets, sources, take):

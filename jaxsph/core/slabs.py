@@ -24,6 +24,8 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from jaxsph.core.arrays import Array, Bool, Float, Int
+from jaxsph.core.blocks import BlockedTable
+from jaxsph.core.native.forms import blocked
 from jaxsph.core.pairs import (
     Fields,
     Law,
@@ -79,6 +81,8 @@ class Sources(NamedTuple):
 
 SPLIT_SOURCES = Sources(split(1), WHOLE, split(1))
 """Partitions of sources: water and halos are split over the devices, and every device stores all ghosts."""
+SPLIT_TABLE = BlockedTable(split(2), split(1))  # pyright: ignore[reportArgumentType]
+"""Partitions of a table, whose targets are split over the devices."""
 
 
 class Slabs(eqx.Module):
@@ -241,13 +245,23 @@ ONE = Slabs()
 class Neighbours(eqx.Module):
     """Neighbours of every particle among the water and the ghosts, and sums over them."""
 
-    indices: Int[Array, "K N"]
-    """Index of the source in each slot, among the sources of the particle's slab (`Slabs.sources`)."""
+    table: BlockedTable
+    """Indices of the neighbours among the sources of the particle's slab (`Slabs.sources`)."""
     slabs: Slabs = eqx.field(static=True, default=ONE)
+
+    @classmethod
+    def of(cls, indices: Int[Array, "K N"]) -> Neighbours:
+        """Neighbours of all particles on one device, from the indices of the sources in each slot."""
+        return cls(blocked(indices))
+
+    @property
+    def indices(self) -> Int[Array, "K N"]:
+        """Index of the source in each slot, among the sources of the particle's slab."""
+        return self.table.indices
 
     def sum(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
         """Sum of a pair law over the neighbours, see `pairs.pair_sum`."""
-        return self._over(functools.partial(pair_sum, law, smoothing), targets, sources, split(1))
+        return self._over(_of_indices(pair_sum, law, smoothing), targets, sources, split(1))
 
     def sum_at(
         self, rows: Int[Array, " C"], law: Law, smoothing: Smoothing, targets: Fields, sources: Sources
@@ -271,26 +285,26 @@ class Neighbours(eqx.Module):
 
     def linear_sum(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
         """Sum of a pair law that is linear in the fields, for tangent fields; see `pairs.linear_pair_sum`."""
-        return self._over(functools.partial(linear_pair_sum, law, smoothing), targets, sources, split(1))
+        return self._over(_of_indices(linear_pair_sum, law, smoothing), targets, sources, split(1))
 
     def weights(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
         """Sum of the law's first result, and the law's second result for every slot; see
         `pairs.pair_weights`."""
-        results = split(1), split(2)
+        results = split(1), split(1)
         return self._over(functools.partial(pair_weights, law, smoothing), targets, sources, results)
 
-    def weighted_sum(self, weights: Float[Array, "K N"], f: Sources) -> Float[Array, " N"]:
+    def weighted_sum(self, weights: Float[Array, " E"], f: Sources) -> Float[Array, " N"]:
         """Sum of the weights times the field "f" of the neighbours, see `pairs.weighted_sum`."""
         return self._over(_weighted_sum, weights, f, split(1))
 
     def _over(self, function: Callable, first: Any, sources: Sources, results: Any) -> Any:
-        """Results of `function(first, sources, indices)` for the targets of every slab."""
+        """Results of `function(first, sources, table)` for the targets of every slab."""
 
-        def local(first, sources, indices):
-            return function(first, self.slabs.sources(sources), indices)
+        def local(first, sources, table):
+            return function(first, self.slabs.sources(sources), table)
 
-        partitions = jax.tree.map(lambda a: split(a.ndim), first), SPLIT_SOURCES, split(2)
-        return self.slabs.over_slabs(local, (first, sources, self.indices), partitions, results)
+        partitions = jax.tree.map(lambda a: split(a.ndim), first), SPLIT_SOURCES, SPLIT_TABLE
+        return self.slabs.over_slabs(local, (first, sources, self.table), partitions, results)
 
 
 class Chosen(eqx.Module):
@@ -322,8 +336,8 @@ class PointNeighbours(eqx.Module):
     """Neighbours of points that every device stores, such as ghosts. The sum at a point is computed by one
     slab."""
 
-    indices: Int[Array, "K S"]
-    """Index of the source in each slot, for every entry of `rows`, or for every point if `rows` is empty."""
+    table: BlockedTable
+    """Indices of the neighbours of every entry of `rows`, or of every point if `rows` is empty."""
     rows: Int[Array, " R"]
     """Indices of the points whose sums each slab computes, slab by slab; an unused entry contains the number
     of points."""
@@ -335,14 +349,20 @@ class PointNeighbours(eqx.Module):
     def of(cls, indices: Int[Array, "K P"]) -> PointNeighbours:
         """Neighbours of all points on one device, from the indices of the sources in each slot."""
         none = jnp.zeros(0, jnp.int32)
-        return cls(indices, none, none)
+        return cls(blocked(indices), none, none)
+
+    @property
+    def indices(self) -> Int[Array, "K S"]:
+        """Index of the source in each slot, for every entry of `rows`, or for every point if `rows` is
+        empty."""
+        return self.table.indices
 
     def sum(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
         """Sum of a pair law over the neighbours of every point; zero for a point that is not near the
         water."""
 
-        def local(targets, sources, indices, rows, places):
-            found = pair_sum(law, smoothing, self._of_slab(targets, rows), sources, indices)
+        def local(targets, sources, table, rows, places):
+            found = pair_sum(law, smoothing, self._of_slab(targets, rows), sources, table.indices)
             return self._of_points(found, places)
 
         return self._over(local, targets, sources, WHOLE)
@@ -350,30 +370,30 @@ class PointNeighbours(eqx.Module):
     def weights(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
         """Sum of the law's first result at every point, and the law's second result for every slot."""
 
-        def local(targets, sources, indices, rows, places):
-            found, weights = pair_weights(law, smoothing, self._of_slab(targets, rows), sources, indices)
+        def local(targets, sources, table, rows, places):
+            found, weights = pair_weights(law, smoothing, self._of_slab(targets, rows), sources, table)
             return self._of_points(found, places), weights
 
-        return self._over(local, targets, sources, (WHOLE, split(2)))
+        return self._over(local, targets, sources, (WHOLE, split(1)))
 
-    def weighted_sum(self, weights: Float[Array, "K S"], f: Sources) -> Float[Array, " P"]:
+    def weighted_sum(self, weights: Float[Array, " E"], f: Sources) -> Float[Array, " P"]:
         """Sum at every point of the weights times the field "f" of the point's neighbours."""
 
-        def local(weights, sources, indices, rows, places):
-            return self._of_points(_weighted_sum(weights, sources, indices), places)
+        def local(weights, sources, table, rows, places):
+            return self._of_points(_weighted_sum(weights, sources, table), places)
 
-        return self._over(local, weights, f, WHOLE, split(2))
+        return self._over(local, weights, f, WHOLE, split(1))
 
     def _over(
         self, function: Callable, first: Any, sources: Sources, results: Any, split_first: Any = WHOLE
     ) -> Any:
-        """Results of `function(first, sources, indices, rows, places)` on every slab."""
+        """Results of `function(first, sources, table, rows, places)` on every slab."""
 
         def local(first, sources, *table):
             return function(first, self.slabs.sources(sources), *table)
 
-        partitions = split_first, SPLIT_SOURCES, split(2), split(1), WHOLE
-        arguments = first, sources, self.indices, self.rows, self.places
+        partitions = split_first, SPLIT_SOURCES, SPLIT_TABLE, split(1), WHOLE
+        arguments = first, sources, self.table, self.rows, self.places
         return self.slabs.over_slabs(local, arguments, partitions, results)
 
     def _of_slab(self, targets: Fields, rows: Int[Array, " S"]) -> Fields:
@@ -394,11 +414,14 @@ class PointNeighbours(eqx.Module):
         return jax.tree.unflatten(structure, list(every[:, places]))
 
 
-def _weighted_sum(
-    weights: Float[Array, "K N"], sources: Fields, indices: Int[Array, "K N"]
-) -> Float[Array, " N"]:
+def _of_indices(summed: Callable, law: Law, smoothing: Smoothing) -> Callable:
+    """Function of (targets, sources, table) that sums a pair law over the indices in the table."""
+    return lambda targets, sources, table: summed(law, smoothing, targets, sources, table.indices)
+
+
+def _weighted_sum(weights: Float[Array, " E"], sources: Fields, table: BlockedTable) -> Float[Array, " N"]:
     """Sum of the weights times the field "f" of the sources, see `pairs.weighted_sum`."""
-    return weighted_sum(weights, sources["f"], indices)
+    return weighted_sum(weights, sources["f"], table)
 
 
 def _local(rows: Int[Array, " C"], n: int) -> tuple[Int[Array, " C"], Bool[Array, " C"]]:

@@ -36,7 +36,8 @@ class BodyGrip(NamedTuple):
     sums: Float[Array, "B D"]
     """Weight of every dummy's own pressure: the sum of its `weights`."""
     weights: Components
-    """Weights of the water's pressures around every dummy, one component per axis, by slot of `table`."""
+    """Weights of the water's pressures around every dummy, one component per axis, stored as for
+    `weighted_sum`."""
     table: PointNeighbours
     """Neighbours of the dummies in the water."""
 

@@ -73,8 +73,8 @@ the wall would then scatter by 0.4 rho g H.
 class Poisson(NamedTuple):
     """Pressure Poisson equation of one step, scaled by its diagonal."""
 
-    weights: Float[Array, "K N"]
-    """Weights w_ij of the Laplacian lap p = sum_j w_ij (p_j - p_i), 1/m2, by slot of the table."""
+    weights: Float[Array, " E"]
+    """Weights w_ij of the Laplacian lap p = sum_j w_ij (p_j - p_i), 1/m2, stored as for `weighted_sum`."""
     table: Neighbours
     """Neighbours of the water particles among water and ghosts."""
     scale: Float[Array, " N"]

@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.core.arrays import Array
+from jaxsph.core.blocks import BLOCK, BlockedTable, block_count
 
 SHARE = 0.35
 """Ratio of the wall time of a step with native forms to that with JAX's forms (-); 0.24 to 0.38 in
@@ -176,7 +177,7 @@ def native_loop(
 
     **Arguments**: `law`, a function of the scalars (*targets, *sources, *constants) that returns a flat list;
     of its results the first `sums` are added up over the slots, `[N]`, and the others are stored for every
-    slot, `[K, N]`. **Returns** None if there is no native form.
+    slot in blocks (`BlockedTable`). **Returns** None if there is no native form.
     """
     kinds = {np.dtype(a.dtype) for a in sources}
     if not available() or len(kinds) != 1 or any(np.ndim(a) for a in constants):
@@ -194,7 +195,8 @@ def native_loop(
 
     def call(table: Array, *arguments: Array) -> list[Array]:
         slots, n = table.shape
-        shapes = [((n,) if k < sums else (slots, n), a.dtype) for k, a in enumerate(closed.out_avals)]
+        entries = block_count(n) * BLOCK * slots
+        shapes = [((n if k < sums else entries,), a.dtype) for k, a in enumerate(closed.out_avals)]
         rows = (arguments[len(targets)].shape[0], row), kind
         results = [jax.ShapeDtypeStruct(*one) for one in (*shapes, rows)]
         called = jax.ffi.ffi_call(name, results, vmap_method="sequential")
@@ -204,21 +206,33 @@ def native_loop(
     return call
 
 
-def native_weighted_sum(table: Array, weights: Array, f: Array) -> Callable[..., Array] | None:
-    """Function of (table, weights, f) for arguments of these types: the sums over the slots of
-    weights[k] f[table[k]], `[N]`. **Returns** None if there is no native form."""
-    if not available() or weights.dtype != f.dtype:
+def blocked(table: Array) -> BlockedTable:
+    """Neighbour table `[K, N]` with its blocks, if there are native loops."""
+    slots, n = table.shape
+    if not available() or n < BLOCK:
+        return BlockedTable(table, jnp.zeros(0, jnp.int32))
+    from jaxsph.core.native.functions import register
+    from jaxsph.core.native.sums import BlockLoop
+
+    result = jax.ShapeDtypeStruct((block_count(n) * BLOCK * slots,), jnp.int32)
+    call = jax.ffi.ffi_call(register(BlockLoop().module), result, vmap_method="sequential")
+    return BlockedTable(table, call(_int32(table)))
+
+
+def native_weighted_sum(table: BlockedTable, weights: Array, f: Array) -> Callable[..., Array] | None:
+    """Function of (table, blocks, weights, f) for arguments of these types: the weighted sums of the sources'
+    field f, `[N]`. **Returns** None if there is no native form."""
+    if not available() or not table.in_blocks or weights.dtype != f.dtype:
         return None
     from jaxsph.core.native.functions import register
-    from jaxsph.core.native.sums import ABREAST, WeightedLoop
+    from jaxsph.core.native.sums import WeightedLoop
 
-    if table.shape[1] < ABREAST:
-        return None
-    loop = WeightedLoop(np.dtype(f.dtype))
-    name, result = register(loop.module), jax.ShapeDtypeStruct(table.shape[1:], f.dtype)
+    name = register(WeightedLoop(np.dtype(f.dtype)).module)
+    result = jax.ShapeDtypeStruct(table.indices.shape[1:], f.dtype)
 
-    def call(table: Array, weights: Array, f: Array) -> Array:
-        return jax.ffi.ffi_call(name, result, vmap_method="sequential")(weights, f, _int32(table))
+    def call(table: Array, *given: Array) -> Array:
+        del table
+        return jax.ffi.ffi_call(name, result, vmap_method="sequential")(*given)
 
     return call
 
@@ -238,7 +252,7 @@ def _registered(
     results = [a.dtype for a in closed.out_avals]
     loop = PairLoop(closed.jaxpr, held, targets, sources, constants, results[:sums], results[sums:])
     lanes = vector_bytes() // sources[0].itemsize
-    if count < lanes:
+    if count < (BLOCK if loop.weights else lanes):
         return "", 0
     try:
         return register(lambda name: loop.module(name, lanes)), loop.row

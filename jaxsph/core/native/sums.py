@@ -1,6 +1,7 @@
 """Loops over a neighbour table: sums of a translated pair law, and weighted sums with given weights.
 
-Both loops compute the sums of several targets at a time, and the sums stay in registers. For a pair law the
+Both loops compute the sums of several targets at a time, and the sums stay in registers. A weighted sum reads
+the weights and the indices of neighbours in blocks of targets (`BlockedTable`). For a pair law the
 fields of the sources are first copied into rows, so that the fields of a neighbour are adjacent in memory.
 For each group of targets, one per lane, the loop then goes through the table's slots. In each slot the rows
 of the lanes' neighbours are loaded and transposed into one vector per field, and the terms of the law are
@@ -10,26 +11,21 @@ added to the sums.
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
 
+from jaxsph.core.blocks import BLOCK
 from jaxsph.core.native.calls import Call, begin_call
 from jaxsph.core.native.threads import in_parts
 from jaxsph.core.native.translation import FUSED, translated
-from jaxsph.core.native.vectors import INDEX, Builder, Value, Vectors, scalar, vector_bytes
+from jaxsph.core.native.vectors import INDEX, Builder, Value, Vectors, scalar, smaller, vector_bytes
 
 TOGETHER = 4
 """Number of fields that are loaded and transposed together."""
-
-ABREAST = 64
-"""Number of targets whose weighted sums are computed together.
-
-A slot's entries for them are adjacent in memory, and memory is read faster in long pieces: with half of these
-targets, the sums of 80,000 to 130,000 targets take 1.05 to 1.3 times as long.
-"""
 
 PACKED = 8192
 """Number of sources in a part of the loop that copies their fields."""
@@ -52,7 +48,7 @@ class PairLoop(NamedTuple):
     sums: Sequence[np.dtype]
     """Results that are added up over the slots."""
     weights: Sequence[np.dtype]
-    """Results that are stored for every slot."""
+    """Results that are stored for every slot, in blocks of targets (`BlockedTable`)."""
 
     @property
     def row(self) -> int:
@@ -63,8 +59,8 @@ class PairLoop(NamedTuple):
         """Code of the loop as a function that XLA calls.
 
         Its arguments are the table `[K, N]`, the scalars `held`, the fields of the targets `[N]` and those
-        of the sources `[M]`, and the constants; its results are the sums `[N]`, the weights `[K, N]`, and the
-        rows `[M, row]`. N must be at least `lanes`.
+        of the sources `[M]`, and the constants; its results are the sums `[N]`, the weights in blocks,
+        and the rows `[M, row]`. N must be at least `lanes`, or `BLOCK` with weights.
         """
         module, call = begin_call(name)
         slots, targets = call.sizes(0, 2)
@@ -102,11 +98,12 @@ class PairLoop(NamedTuple):
         fields = [call.argument(of_targets + k) for k in range(len(self.targets))]
         (count,) = call.sizes(of_sources, 1)
         *results, rows = (call.result(k) for k in range(len(self.sums) + len(self.weights) + 1))
-        last = builder.sub(targets, INDEX(lanes))
         empty = vectors.spread(builder.trunc(builder.sub(count, INDEX(1)), ir.IntType(32)))
+        if self.weights:  # the last block must be complete
+            end = builder.and_(builder.add(end, INDEX(BLOCK - 1)), INDEX(-BLOCK))
         with vectors.loop(begin, end, lanes) as (group, _, _):
-            # the last group overlaps the one before it if the number of targets is no multiple of the lanes
-            at = builder.select(builder.icmp_signed("<", group, last), group, last)
+            at, within = _first(builder, group, targets, BLOCK if self.weights else lanes)
+            block = builder.add(builder.mul(builder.sub(group, within), slots), within)
             mine = [vectors.load(a, kind, at) for a, kind in zip(fields, self.targets, strict=True)]
             zeros = [vectors.constant(0, kind) for kind in self.sums]
             with vectors.loop(INDEX(0), slots, 1, *zeros) as (slot, totals, new):
@@ -120,10 +117,10 @@ class PairLoop(NamedTuple):
 
                 if self.weights:
                     found = terms()
-                    for a, kind, result in zip(
-                        found[len(self.sums) :], self.weights, results[len(self.sums) :], strict=True
-                    ):
-                        vectors.store(a, result, kind, place)
+                    in_block = builder.add(block, builder.mul(slot, INDEX(BLOCK)))
+                    stored = zip(found, [*self.sums, *self.weights], results, strict=True)
+                    for a, kind, result in itertools.islice(stored, len(self.sums), None):
+                        vectors.store(a, result, kind, in_block)
                     new += _sums(vectors, totals, found)
                 else:
                     filled = builder.icmp_unsigned("<", neighbours, empty)
@@ -167,37 +164,45 @@ class WeightedLoop(NamedTuple):
     def module(self, name: str) -> ir.Module:
         """Code of the loop as a function that XLA calls.
 
-        Its arguments are the weights `[K, N]`, the field of the sources `[M]` and the table `[K, N]`; its
-        result is the sums `[N]`. N must be at least `together`.
+        Its arguments are the table and the weights in blocks, and the field of the sources `[M]`; its result
+        is the sums `[N]`. N must be at least `BLOCK`.
         """
         module, call = begin_call(name)
-        slots, targets = call.sizes(0, 2)
-        length = part_length(call.builder, slots, ABREAST)
-        with in_parts(call, targets, length) as (part, begin, end):
+        slots, targets = self._sizes(call)
+        with in_parts(call, targets, part_length(call.builder, slots, BLOCK)) as (part, begin, end):
             self._sum(Vectors(part.builder, self.lanes), part, begin, end)
         call.finish()
         return module
 
+    def _sizes(self, call: Call) -> tuple[Value, Value]:
+        """Numbers of slots and of targets."""
+        (entries,), (targets,) = call.sizes(0, 1), call.sizes(0, 1, of="results")
+        columns = call.builder.and_(call.builder.add(targets, INDEX(BLOCK - 1)), INDEX(-BLOCK))
+        return call.builder.udiv(entries, columns), targets
+
     def _sum(self, vectors: Vectors, call: Call, begin: Value, end: Value) -> None:
         """Computes the sums for targets."""
         builder = vectors.builder
-        weights, field, table = (call.argument(k) for k in range(3))
-        (slots, targets), (count,) = call.sizes(0, 2), call.sizes(1, 1)
-        last = builder.sub(targets, INDEX(ABREAST))
+        indices, weights, field = (call.argument(k) for k in range(3))
+        (slots, targets), (count,) = self._sizes(call), call.sizes(2, 1)
         empty = vectors.spread(builder.trunc(builder.sub(count, INDEX(1)), ir.IntType(32)))
-        zeros = [vectors.constant(0, self.dtype)] * (ABREAST // self.lanes)
-        with vectors.loop(begin, end, ABREAST) as (group, _, _):
-            at = builder.select(builder.icmp_signed("<", group, last), group, last)
+        zeros = [vectors.constant(0, self.dtype)] * (BLOCK // self.lanes)
+        with vectors.loop(begin, end, BLOCK) as (block, _, _):
+            at, _ = _first(builder, block, targets, BLOCK)
+            first = builder.mul(block, slots)
             with vectors.loop(INDEX(0), slots, 1, *zeros) as (slot, totals, new):
-                start = builder.add(builder.mul(slot, targets), at)
-                places = [builder.add(start, INDEX(k * self.lanes)) for k in range(ABREAST // self.lanes)]
-                neighbours = [_slot(vectors, table, np.int32, place, ABREAST) for place in places]
+                start = builder.add(first, builder.mul(slot, INDEX(BLOCK)))
+                places = [builder.add(start, INDEX(k * self.lanes)) for k in range(BLOCK // self.lanes)]
+                neighbours = [
+                    vectors.intrinsic("umin", vectors.load(indices, np.int32, place), empty)
+                    for place in places
+                ]
                 here = [builder.icmp_unsigned("!=", one, empty) for one in neighbours]
 
                 def terms(places: list[Value] = places, neighbours: list[Value] = neighbours) -> list[Value]:
                     return [
                         builder.fmul(
-                            _slot(vectors, weights, self.dtype, place, ABREAST),
+                            vectors.load(weights, self.dtype, place),
                             vectors.gathered(field, self.dtype, one),
                             flags=FUSED,
                         )
@@ -209,11 +214,46 @@ class WeightedLoop(NamedTuple):
                 vectors.store(total, call.result(0), self.dtype, builder.add(at, INDEX(k * self.lanes)))
 
 
+class BlockLoop(NamedTuple):
+    """Copy of a table into blocks of targets (`BlockedTable`)."""
+
+    def module(self, name: str) -> ir.Module:
+        """Code of the loop as a function that XLA calls.
+
+        Its argument is the table `[K, N]`, its result the table in blocks. N must be at least `BLOCK`.
+        """
+        module, call = begin_call(name)
+        slots, targets = call.sizes(0, 2)
+        with in_parts(call, targets, part_length(call.builder, slots, BLOCK)) as (part, begin, end):
+            b, vectors = part.builder, Vectors(part.builder, BLOCK)
+            table, blocks = part.argument(0), part.result(0)
+            slots, targets = part.sizes(0, 2)
+            with vectors.loop(begin, end, BLOCK) as (block, _, _):
+                at, _ = _first(b, block, targets, BLOCK)
+                with vectors.loop(INDEX(0), slots, 1) as (slot, _, _):
+                    listed = _slot(vectors, table, np.int32, b.add(b.mul(slot, targets), at), BLOCK)
+                    place = b.add(b.mul(block, slots), b.mul(slot, INDEX(BLOCK)))
+                    vectors.store(listed, blocks, np.int32, place)
+        call.finish()
+        return module
+
+
 def part_length(builder: Builder, slots: Value, together: int) -> Value:
     """Number of targets in a part of a loop over a table's slots, a multiple of `together`."""
     slots = builder.select(builder.icmp_signed("<", slots, INDEX(1)), INDEX(1), slots)
     groups = builder.udiv(INDEX(PAIRS // together), slots)
     return builder.mul(builder.add(groups, INDEX(1)), INDEX(together))
+
+
+def _first(builder: Builder, group: Value, targets: Value, together: int) -> tuple[Value, Value]:
+    """First target of a group, and its position among the targets that are stored `together`.
+
+    The last of these overlap those before if the number of targets is no multiple of `together`, which is a
+    power of 2.
+    """
+    within = builder.and_(group, INDEX(together - 1))
+    start, last = builder.sub(group, within), builder.sub(targets, INDEX(together))
+    return builder.add(smaller(builder, start, last), within), within
 
 
 def _slot(vectors: Vectors, rows: Value, dtype: Any, place: Value, stride: int) -> Value:

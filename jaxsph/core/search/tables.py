@@ -10,10 +10,10 @@ import numpy as np
 from jax.sharding import PartitionSpec
 
 from jaxsph.core.arrays import Array, Bool, Components, Float, Int, columns, stack
-from jaxsph.core.native.forms import true_indices
+from jaxsph.core.native.forms import blocked, true_indices
 from jaxsph.core.search.base import WIDTH, AbstractSearch, Grid
 from jaxsph.core.search.cells import cell_index, cell_key, cell_order
-from jaxsph.core.slabs import AXIS, WHOLE, Neighbours, PointNeighbours, Slabs, split
+from jaxsph.core.slabs import AXIS, SPLIT_TABLE, WHOLE, Neighbours, PointNeighbours, Slabs, split
 
 
 class Seen(NamedTuple):
@@ -86,14 +86,14 @@ def water_neighbours(
         kinds = jnp.concatenate([every.kind, ghosts.kind])
         found = method.table(x, sources, capacity, sees, kinds, same=True)
         if slabs.count == 1:
-            return found.indices, found.most, jnp.zeros((), jnp.int32)
+            return blocked(found.indices), found.most, jnp.zeros((), jnp.int32)
         halo = _halo(slabs, _grid_of(method), x, n)
-        return found.indices, *(jax.lax.pmax(a, AXIS) for a in (found.most, halo))
+        return blocked(found.indices), *(jax.lax.pmax(a, AXIS) for a in (found.most, halo))
 
     arguments = (columns(water.x), water.kind, sees, ghosts)
     partitions = (split(1), split(1), split(1), WHOLE)
-    indices, most, halo = slabs.over_slabs(local, arguments, partitions, (split(2), WHOLE, WHOLE))
-    return Neighbours(indices, slabs), most, halo
+    table, most, halo = slabs.over_slabs(local, arguments, partitions, (SPLIT_TABLE, WHOLE, WHOLE))
+    return Neighbours(table, slabs), most, halo
 
 
 def _grid_of(method: AbstractSearch) -> Grid:
@@ -134,16 +134,20 @@ def point_neighbours(
         sees = jnp.where(rows < count, sees[at], 0)
         found = method.table(points[at], every.x, capacity, sees, every.kind, same=False)
         needs = found.most, jnp.sum(mine).astype(jnp.int32)
-        return found.indices, rows, *(needs if slabs.count == 1 else (jax.lax.pmax(a, AXIS) for a in needs))
+        return (
+            blocked(found.indices),
+            rows,
+            *(needs if slabs.count == 1 else (jax.lax.pmax(a, AXIS) for a in needs)),
+        )
 
     arguments = (columns(water.x), water.kind, *jax.lax.stop_gradient((points, sees)))
     partitions = (split(1), split(1), WHOLE, WHOLE)
-    indices, rows, most, crowd = slabs.over_slabs(
-        local, arguments, partitions, (split(2), split(1), WHOLE, WHOLE)
+    table, rows, most, crowd = slabs.over_slabs(
+        local, arguments, partitions, (SPLIT_TABLE, split(1), WHOLE, WHOLE)
     )
     spots = jnp.arange(len(rows), dtype=jnp.int32)
     at = jnp.full(count, len(rows), jnp.int32).at[rows].set(spots, mode="drop")
-    return PointNeighbours(indices, rows, at, slabs), most, crowd
+    return PointNeighbours(table, rows, at, slabs), most, crowd
 
 
 def _with_halo(slabs: Slabs, x: Components, kind: Int[Array, " n"]) -> Seen:
