@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import equinox as eqx
+from typing import NamedTuple
+
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, Int
@@ -15,7 +16,7 @@ the entries of all their slots are. A step of 80,000 particles in three dimensio
 """
 
 
-class BlockedTable(eqx.Module):
+class BlockedTable(NamedTuple):
     """Neighbour table by slot and, for native loops, in blocks of targets.
 
     The last block ends with the last target. If the number of targets is no multiple of `BLOCK`, this block
