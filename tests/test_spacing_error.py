@@ -10,10 +10,12 @@ from typer.testing import CliRunner
 import jaxsph as js
 from jaxsph.analysis.spacing import Limit, limit
 from jaxsph.cli.app import app
-from jaxsph.cli.running import _limit_rows
+from jaxsph.cli.spacing import limit_rows, print_errors
 from jaxsph.errors import CaseError
-from jaxsph.output.sweep_file import Meanings
+from jaxsph.output.sweep_file import Meanings, SweepFile
 from jaxsph.report.labels import with_error_in_words
+from jaxsph.report.pack import Pack
+from jaxsph.report.sweeps import sweep_content
 from jaxsph.study import spacing_error
 from jaxsph.study.spacing_error import WithError
 
@@ -114,8 +116,86 @@ def test_limits_are_printed_next_to_the_values_at_both_spacings():
         {"xi": Limit(0.71, 0.05, 0.65, 0.68, 0.01), "whole_energy_in": Limit(1.0, 0.1, 1.0, 1.0, 0.0)},
         js.Sweep(CASE, {}, {}, {}, {}, Meanings()),
     )
-    rows = [f"{label}|{' '.join(value.split())}" for label, value in _limit_rows(found, True)]
+    rows = [f"{label}|{' '.join(value.split())}" for label, value in limit_rows(found, True)]
     assert rows == ["|limit dx = 0.01 m 0.02 m", "hydrodynamic efficiency|0.710 ± 0.050 0.68 0.65"]
+
+
+GRID = {"pto.K_dm": [300, 500.0, 900], "waves.T": [1.2, 1.4]}
+
+
+@pytest.mark.parametrize(
+    "values, members",
+    [
+        ({}, [(i, j) for i in range(3) for j in range(2)]),
+        ({"pto.K_dm": [500]}, [(1, 0), (1, 1)]),
+        ({"waves.T": [1.4], "pto.K_dm": [900, 300]}, [(2, 1), (0, 1)]),
+    ],
+)
+def test_members_are_chosen_by_their_values(values, members):
+    assert js.members_at(GRID, values) == members
+
+
+def test_values_that_a_sweep_does_not_have_are_named():
+    with pytest.raises(
+        CaseError, match=r"waves\.H: not a parameter of the sweep; use one of pto\.K_dm, waves\.T"
+    ):
+        js.members_at(GRID, {"waves.H": [0.1]})
+    command = ["sweep", "owc", "--grid", "pto.K_dm=300,900", "--error-at"]
+    done = CliRunner().invoke(app, [*command, "pto.K_dm=500"])
+    assert done.exit_code == 2
+    assert "--error-at pto.K_dm = 500: no member has this value; use one of 300, 900" in done.output
+    assert (
+        "--error-at 'pto.K_dm': must be KEY=VALUE" in CliRunner().invoke(app, [*command, "pto.K_dm"]).output
+    )
+
+
+def test_limits_of_members_are_stored_in_the_file_of_the_sweep(monkeypatch, tmp_path):
+    """The other results remain, and the page shows the limits beside them."""
+    out, runs = tmp_path / "tank.h5", []
+    axes = {"waves.H": np.array([0.04, 0.06])}
+    members = {k: {"results": {"xi": 0.6 + 0.1 * k}, "series": {}, "failure": ""} for k in range(2)}
+    file = SweepFile(out)
+    file.write(CASE.to_toml(), axes, (2,), members, Meanings())
+
+    def pretended(case, out, **options):
+        runs.append((case.waves.H, out.name))
+        return WithError((0.02, 0.01), {"xi": Limit(0.75, 0.02, 0.7, 0.725, 0.0)}, js.read_sweep(file.path))
+
+    monkeypatch.setattr(spacing_error, "with_error", pretended)
+    print_errors(js.read_sweep(out), [(1,)], out, None, quiet=True)
+    assert runs == [(0.06, "tank_error_1.h5")]
+    done = js.read_sweep(out)
+    np.testing.assert_array_equal(done["xi"], [0.6, 0.7])
+    np.testing.assert_array_equal(done["limit xi"], [np.nan, 0.75])
+    np.testing.assert_array_equal(done["limit error xi"], [np.nan, 0.02])
+    content = sweep_content(file, Pack())
+    assert [one["limits"] for one in content["members"]] == [{}, {"xi": (0.75, 0.02)}]
+    assert [one["name"] for one in content["choices"]] == ["xi"]
+    (row,) = content["members"][1]["rows"]
+    assert row["limit"] == "0.750 ± 0.020"
+
+
+@pytest.mark.slow
+def test_a_sweep_states_the_error_at_a_member(tmp_path):
+    """Runs two short members, and one of them at both spacings."""
+    case, out = tmp_path / "tank.toml", tmp_path / "tank_sweep.h5"
+    case.write_text(CASE.to_toml(), encoding="utf-8")
+    heights = f"waves.H={CASE.waves.H},{1.5 * CASE.waves.H}"
+    command = [
+        "sweep",
+        str(case),
+        "--grid",
+        heights,
+        "--error-at",
+        f"waves.H={CASE.waves.H}",
+        "--out",
+        str(out),
+    ]
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, done.output
+    found = js.read_sweep(out)
+    for name in ("limit noise", "limit error noise"):
+        assert np.isfinite(found[name]).tolist() == [True, False]
 
 
 @pytest.mark.slow

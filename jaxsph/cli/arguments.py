@@ -219,7 +219,7 @@ def values_of(text: str, option: str = "--grid") -> tuple[str, list[float]]:
     from jaxsph.study.sweep import MOST_MEMBERS
 
     key, equals, value = (part.strip() for part in text.partition("="))
-    shown, before = (text, "KEY=") if option == "--grid" else (value, "")
+    shown, before = (value, "") if option == f"--{key}" else (text, "KEY=")
     values: list[float] = []
     with contextlib.suppress(ValueError):  # values that are not numbers are refused below
         if value.count(":") == 2:

@@ -9,7 +9,6 @@ from typing import Annotated, Any
 
 import typer
 
-from jaxsph.case.report import in_time
 from jaxsph.cli.arguments import (
     CaseName,
     Changes,
@@ -27,13 +26,13 @@ from jaxsph.cli.arguments import (
     match_precision,
     setting_of,
 )
+from jaxsph.cli.spacing import run_with_error
 from jaxsph.cli.terminal import INTERRUPTED, messages, print_notes, print_table, write_page
 from jaxsph.core.native.forms import advice
-from jaxsph.errors import CaseError, JaxsphError, SimulationError
+from jaxsph.errors import JaxsphError, SimulationError
 from jaxsph.output.run_file import RunFile
-from jaxsph.output.sweep_file import SweepFile
 from jaxsph.report.doubts import doubts
-from jaxsph.report.labels import in_order, in_words, label_of, short, with_error_in_words
+from jaxsph.report.labels import in_order, in_words, label_of, short
 from jaxsph.run import interrupt
 
 
@@ -71,8 +70,7 @@ def run(
             "--process": process is not None,
         }
         with messages(INTERRUPTED):
-            _omit("--error", [name for name, given in refused.items() if given])
-            _run_with_error(load(case, settings, quick, t1), out, report, quiet)
+            run_with_error(load(case, settings, quick, t1), out, refused, report, quiet)
         return
     with messages():
         is_first = _find(devices, process)
@@ -93,55 +91,6 @@ def run(
             _report(solution, out, waves, (plot and not quick, report), quiet)
             if quick and not quiet:
                 typer.echo(f"this was a COARSE run for a first look; for reliable numbers: jaxsph run {case}")
-
-
-def _omit(option: str, given: Sequence[str]) -> None:
-    """**Raises** CaseError if there are options that an option excludes."""
-    if given:
-        raise CaseError(
-            f"{option}: omit {' and '.join(given)}; the runs are members of a sweep, each on one core, and "
-            "the same command continues them"
-        )
-
-
-def _run_with_error(loaded: Any, out: Path | None, report: bool, quiet: bool) -> None:
-    """Runs a case at two spacings, prints the limits of its results, and writes a page."""
-    import jaxsph as js
-    from jaxsph.study.spacing_error import FINER
-
-    out = out if out is not None else Path("runs") / f"{loaded.name}_error.h5"
-    out.parent.mkdir(parents=True, exist_ok=True)
-    if not quiet and isinstance(loaded, js.Case) and not out.exists():
-        print_notes([*loaded.notices(), *filter(None, [advice()])])
-        finer = js.duration(loaded.replace({"dx": loaded.dx / FINER}), devices=1)
-        typer.echo(f"the run with half of the spacing takes about {in_time(finer.total)}", err=True)
-    found = js.with_error(loaded, out, progress=not quiet)
-    flat, own = loaded.dim == 2, found.runs.meanings.labels
-    if first := found.runs.meanings.first(found.results):
-        label = label_of(first, flat, own)
-        answer = {"label": f"{label.text.strip()} without the error of the spacing", "unit": label.unit}
-        answer |= {"value": with_error_in_words(found[first].value, found[first].error), "expected": ""}
-        SweepFile(out).conclude(answer | {"note": "from runs at two spacings"})
-    if not quiet:
-        print_table(_limit_rows(found, flat))
-    typer.echo(f"recorded in {out}")
-    write_page(out, report, quiet)
-
-
-def _limit_rows(found: Any, flat: bool) -> list[tuple[str, str]]:
-    """Labels of results without energies of the whole run, their limits, and values at both spacings."""
-    coarse, fine = (f"{dx:g} m" for dx in found.dx)
-    own = found.runs.meanings.labels
-    rows = [("", f"{'limit':>18}  {f'dx = {fine}':>12} {coarse:>12}")]
-    for name in in_order(found.results, own):
-        if name.startswith("whole_"):
-            continue
-        label, one = label_of(name, flat, own), found[name]
-        values = f"{in_words(one.fine):>12} {in_words(one.coarse):>12}"
-        rows.append(
-            (short(label), f"{with_error_in_words(one.value, one.error):>18}  {values} {label.unit}".rstrip())
-        )
-    return rows
 
 
 def resume(

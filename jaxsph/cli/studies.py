@@ -25,6 +25,7 @@ from jaxsph.cli.arguments import (
     load,
     values_of,
 )
+from jaxsph.cli.spacing import ErrorAt, chosen_members, print_errors
 from jaxsph.cli.terminal import INTERRUPTED, messages, print_notes, print_table, write_page
 from jaxsph.errors import CaseError
 from jaxsph.output.sweep_file import SweepFile
@@ -48,6 +49,7 @@ def sweep(
     ],
     settings: Settings = None,
     quick: Quick = False,
+    error_at: ErrorAt = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="File; default: runs/<name of the case>_sweep.h5"),
@@ -77,6 +79,7 @@ def sweep(
         if t1 is not None and "t1" in over:
             raise CaseError("--t1: t1 is also a parameter of --grid; give only one of the two")
         loaded = load(case, settings, quick, t1)
+        places = chosen_members(loaded, over, error_at or ())
         out = out if out is not None else Path("runs") / f"{loaded.name}_sweep.h5"
         if not quiet:
             _refuse_equal(loaded, over)
@@ -88,6 +91,7 @@ def sweep(
         if not quiet:
             print_table(_sweep_rows(done))
             _doubt(loaded, done)
+        print_errors(done, places, out, workers, quiet)
         typer.echo(f"recorded in {out}")
         write_page(out, report, quiet)
         _end_with_failures(done)
@@ -352,7 +356,7 @@ def _sweep_rows(done: Any) -> list[tuple[str, str]]:
         return []
     label = label_of(name, True, done.meanings.labels).text.strip()
     places = sorted(set(done.members) - set(done.failures))
-    return [(_place(done, place), f"{label} {done[name][place]:.4g}") for place in places]
+    return [(done.words(place), f"{label} {done[name][place]:.4g}") for place in places]
 
 
 def _print_matrix(done: Any, scatter: Any, out: Path) -> CaseError | None:
@@ -402,16 +406,11 @@ def _end_with_failures(done: Any, unknown: CaseError | None = None) -> None:
     **Raises** the error `unknown` if it is given, after the failures are printed.
     """
     for place, text in done.failures.items():
-        typer.echo(f"failed: {_place(done, place)}: {text.splitlines()[0]}", err=True)
+        typer.echo(f"failed: {done.words(place)}: {text.splitlines()[0]}", err=True)
     if unknown is not None:
         raise unknown
     if done.failures:
         raise typer.Exit(1)
-
-
-def _place(done: Any, place: tuple[int, ...]) -> str:
-    pairs = zip(done.axes.items(), place, strict=True)
-    return ", ".join(f"{key} = {values[k]:g}" for (key, values), k in pairs)
 
 
 @contextlib.contextmanager

@@ -34,6 +34,9 @@ from jaxsph.output.hdf5 import (
     version,
 )
 
+LIMIT, LIMIT_ERROR = "limit ", "limit error "
+"""Beginnings of the names of results that are limits for spacing zero, and of the names of their errors."""
+
 
 class Meanings(NamedTuple):
     """Meanings of the members' series, and labels of results outside the package's standard list."""
@@ -140,6 +143,16 @@ class SweepFile:
         """
         with replace_file(self.path, "r+") as file:
             file.attrs["answer"] = json.dumps(dict(answer))
+
+    def add_results(self, index: int, results: Mapping[str, float]) -> None:
+        """Adds results to a member that has ended, by its flat index.
+
+        **Raises** FileError if the file cannot be read or written.
+        """
+        old = self.read()
+        members = old.members | {index: {**old.members[index]}}
+        members[index]["results"] = members[index]["results"] | dict(results)
+        self.write(old.case_toml, old.axes, old.shape, members, old.meanings, old.about)
 
     def read(self) -> StoredSweep:
         """Contents of the file, without the padding.

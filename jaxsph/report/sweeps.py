@@ -12,10 +12,10 @@ from jaxsph.case.linear import linear_owc, linear_sea, sea_is_linear
 from jaxsph.case.linear_bodies import has_free_bodies, linear_motions
 from jaxsph.errors import CaseError
 from jaxsph.model.meaning import Group
-from jaxsph.output.sweep_file import StoredSweep, SweepFile, over_members
+from jaxsph.output.sweep_file import LIMIT, LIMIT_ERROR, StoredSweep, SweepFile, over_members
 from jaxsph.report.content import case_of, coarse_warning, panels
 from jaxsph.report.doubts import doubts_of_members
-from jaxsph.report.labels import in_order, in_words, is_flat, label_of
+from jaxsph.report.labels import in_order, in_words, is_flat, label_of, with_error_in_words
 from jaxsph.report.pack import Pack
 from jaxsph.study.matrix import of_the_sea
 
@@ -51,7 +51,7 @@ def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:
     )
     warnings += [] if case is None else case.notices()
     ordered = in_order(results, stored.meanings.labels)
-    shown = [name for name in ordered if not name.startswith(("slope ", "error "))]
+    shown = [name for name in ordered if not name.startswith(("slope ", "error ", LIMIT))]
     own = stored.meanings.first(shown)
     first = next(
         (n for n in (*FIRST[not matrix : 2], own, *FIRST[2:]) if n in shown), shown[0] if shown else ""
@@ -102,11 +102,14 @@ def _member(stored: StoredSweep, index: int, flat: bool, pack: Pack) -> dict[str
     """Member of a sweep: its parameter values, results and series."""
     one = stored.members[index]
     at = stored.place(index)
-    results = {name: float(value) for name, value in one["results"].items()}
+    every = {name: float(value) for name, value in one["results"].items()}
+    results = {name: value for name, value in every.items() if not name.startswith(LIMIT)}
+    limits = {n: (every[LIMIT + n], every[LIMIT_ERROR + n]) for n in results if LIMIT + n in every}
     rows = [
         {
             "label": label_of(n, flat, stored.meanings.labels).text.strip(),
             "value": in_words(results[n]),
+            "limit": with_error_in_words(*limits[n]) if n in limits else "",
             "unit": label_of(n, flat, stored.meanings.labels).unit,
         }
         for n in in_order(results, stored.meanings.labels)
@@ -116,6 +119,7 @@ def _member(stored: StoredSweep, index: int, flat: bool, pack: Pack) -> dict[str
         "at": list(at.values()),
         "place": ", ".join(f"{name} = {value:.4g}" for name, value in at.items()),
         "results": results,
+        "limits": limits,
         "linear": _linear(stored, at),
         "rows": rows,
         "failure": one["failure"],

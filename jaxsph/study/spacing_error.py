@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,7 @@ from jaxsph.analysis.spacing import Limit, limit
 from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry
 from jaxsph.errors import CaseError
+from jaxsph.output.sweep_file import LIMIT, LIMIT_ERROR, SweepFile
 from jaxsph.problem.sources import source_of
 from jaxsph.study.sweep import Sweep, sweep
 
@@ -73,3 +76,57 @@ def with_error(
     known = {name: values for name, values in results.items() if np.all(np.isfinite(values))}
     found = {name: limit(np.asarray(spacings), values) for name, values in known.items()}
     return WithError((source.dx, source.dx / FINER), found, done)
+
+
+def members_at(
+    axes: Mapping[str, Sequence[float]], values: Mapping[str, Sequence[float]]
+) -> list[tuple[int, ...]]:
+    """Indices of the members of a grid over the parameters in `axes` that have some of the given `values` of
+    each named parameter.
+
+    **Raises** CaseError for a parameter or a value that the sweep does not have.
+    """
+    chosen = {name: list(range(len(there))) for name, there in axes.items()}
+    for name, wanted in values.items():
+        if name not in axes:
+            raise CaseError(f"{name}: not a parameter of the sweep; use one of {', '.join(axes)}")
+        there, chosen[name] = np.asarray(axes[name], float), []
+        for value in wanted:
+            found = np.flatnonzero(np.isclose(there, value, rtol=1e-6, atol=0.0))
+            if not found.size:
+                known = ", ".join(f"{one:g}" for one in there)
+                raise CaseError(f"{name} = {value:g}: no member has this value; use one of {known}")
+            chosen[name] += [int(k) for k in found if k not in chosen[name]]
+    return list(itertools.product(*chosen.values()))
+
+
+def errors_of_members(
+    done: Sweep,
+    places: Sequence[tuple[int, ...]],
+    out: str | Path,
+    *,
+    repeats: int = 3,
+    workers: int | None = None,
+    progress: bool = True,
+) -> dict[tuple[int, ...], WithError]:
+    """Limits of the results of some members of a sweep for spacing zero, by the members' indices.
+
+    The limits are stored in the sweep's file as results of the members: "limit xi" and "limit error xi", for
+    example. **Arguments**: `done`: a sweep of a case; `places`: indices of members, see `members_at`; `out`:
+    the sweep's file, beside which the runs of member k have the file `<out>_error_<k>.h5`; the others as in
+    `with_error`. **Raises** CaseError, FileError as `with_error`.
+    """
+    if not isinstance(done.case, Case):
+        raise CaseError("this is a sweep of a program; only the spacing of a case can be changed")
+    file, found = SweepFile(Path(out).resolve()), {}
+    for place in places:
+        index = int(np.ravel_multi_index(place, next(iter(done.results.values())).shape))
+        runs = file.path.with_name(f"{file.path.stem}_error_{index}.h5")
+        one = with_error(
+            done.case.replace(done.at(place)), runs, repeats=repeats, workers=workers, progress=progress
+        )
+        found[place] = one
+        limits = {LIMIT + name: limit.value for name, limit in one.results.items()}
+        limits |= {LIMIT_ERROR + name: limit.error for name, limit in one.results.items()}
+        file.add_results(index, limits)
+    return found

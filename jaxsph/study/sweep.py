@@ -53,6 +53,15 @@ class Sweep:
     meanings: Meanings = field(repr=False, default=Meanings())
     """Meanings of the series, and labels of results outside the package's standard list."""
 
+    def at(self, place: tuple[int, ...]) -> dict[str, Any]:
+        """Values of the parameters of the member with these indices, by name."""
+        indices = place if len(place) == len(self.axes) else place * len(self.axes)
+        return {name: v[k].item() for (name, v), k in zip(self.axes.items(), indices, strict=True)}
+
+    def words(self, place: tuple[int, ...]) -> str:
+        """Values of the parameters of the member with these indices, as a text."""
+        return ", ".join(f"{name} = {value:g}" for name, value in self.at(place).items())
+
     def __getitem__(self, name: str) -> np.ndarray:
         """Scalar result `name` over the members."""
         if name not in self.results:

@@ -290,7 +290,7 @@ function sweepSections() {
 async function open(sweep, members, place) {
   const chosen = members.map((index) => sweep.members.find((one) => one.index === index));
   const tables = chosen.map((one) => el("div", {}, el("h3", {}, one.place), one.failure ? el("p", { class: "warnings" }, one.failure) : null,
-    el("table", {}, el("tbody", {}, ...one.rows.map((row) => el("tr", {}, el("th", { scope: "row" }, row.label), el("td", { class: "value" }, row.value), el("td", {}, row.unit)))))));
+    el("table", {}, el("tbody", {}, ...one.rows.map((row) => el("tr", {}, el("th", { scope: "row" }, row.label), el("td", { class: "value" }, row.value), el("td", {}, row.unit), el("td", {}, row.limit && `limit for spacing zero: ${row.limit}`)))))));
   const chart = el("div", {}), groups = chosen.filter((one) => one.panels.length).map((one) => ({ label: one.place, panels: one.panels }));
   place.replaceChildren(el("h2", {}, chosen.length > 1 ? "Members" : "Member"), chart, ...tables);
   page.charts = page.charts.filter((one) => !one.ofMember);

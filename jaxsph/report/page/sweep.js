@@ -48,6 +48,11 @@ class Map2 {
     if (linear.length)
       traces.push({ x: linear.map((one) => one.at[0]), y: linear.map((one) => one.linear[this.of]), mode: "lines",
         name: "linear theory", line: { dash: "dash", width: 1.4, color: css("--text") }, hovertemplate: "linear theory %{y:.4g}<extra></extra>" });
+    const limits = there.filter((one) => this.of in one.limits);
+    if (limits.length)
+      traces.push({ x: limits.map((one) => one.at[0]), y: limits.map((one) => one.limits[this.of][0]), mode: "markers", name: "limit for spacing zero",
+        error_y: { type: "data", array: limits.map((one) => one.limits[this.of][1]), thickness: 1 }, customdata: limits.map((one) => [one.index]),
+        marker: { size: 9, symbol: "diamond-open", color: colours[1] }, hovertemplate: "limit %{y:.4g}<extra></extra>" });
     if (search) {
       const slope = `slope ${axes[0].name}`, reach = 0.04 * (Math.max(...x) - Math.min(...x) || Math.abs(x[0]) || 1);
       for (const one of there)
@@ -56,7 +61,7 @@ class Map2 {
             mode: "lines", line: { width: 3, color: colours[1] }, hoverinfo: "skip" });
     }
     const layout = this.layout(axes[0].name, this.label());
-    layout.showlegend = linear.length > 0;
+    layout.showlegend = linear.length + limits.length > 0;
     layout.legend = { orientation: "h", x: 0, y: 1.01, yanchor: "bottom", bgcolor: "rgba(0,0,0,0)" }; // beside the toolbar
     return { traces, layout };
   }
@@ -86,7 +91,9 @@ class Map2 {
       const between = count > 1 ? Math.sqrt(values.reduce((s, one) => s + (one - v) ** 2, 0) / (count - 1) / count) : 0;
       const within = Math.sqrt(cells[i][j].reduce((s, one) => s + this.within(one) ** 2, 0)) / count;
       const error = Math.max(between, within);
-      return short(v) + (error > 0 ? `<br>± ${short(Number(error.toPrecision(1)))}` : "") + (linear[i][j] === null ? "" : `<br><i>linear ${short(linear[i][j])}</i>`);
+      const [limit] = cells[i][j].map((one) => one.limits[this.of]).filter((one) => one !== undefined);
+      const spaced = limit ? `<br>limit ${short(limit[0])} ± ${short(Number(limit[1].toPrecision(2)))}` : "";
+      return short(v) + spaced + (error > 0 ? `<br>± ${short(Number(error.toPrecision(1)))}` : "") + (linear[i][j] === null ? "" : `<br><i>linear ${short(linear[i][j])}</i>`);
     }));
     const traces = [{
       type: "heatmap", x: second.values.map(String), y: first.values.map(String), z, text, texttemplate: "%{text}", colorscale: "Viridis",

@@ -1,0 +1,126 @@
+"""Limits of results for spacing zero, for a run and for members of a sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from jaxsph.case.report import in_time
+from jaxsph.cli.arguments import each_once, values_of
+from jaxsph.cli.terminal import print_notes, print_table, write_page
+from jaxsph.core.native.forms import advice
+from jaxsph.errors import CaseError
+from jaxsph.output.sweep_file import SweepFile
+from jaxsph.report.labels import in_order, in_words, label_of, short, with_error_in_words
+
+ErrorAt = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--error-at",
+        metavar="KEY=VALUES",
+        help="Run the members with these values also with half of their spacing, and give results without "
+        "the error of the spacing. Repeatable.",
+    ),
+]
+
+
+def run_with_error(
+    loaded: Any, out: Path | None, refused: Mapping[str, bool], report: bool, quiet: bool
+) -> None:
+    """Runs a case at two spacings, prints the limits of its results, and writes a page.
+
+    **Raises** CaseError if an option that is `refused` was given.
+    """
+    import jaxsph as js
+
+    if given := [name for name, there in refused.items() if there]:
+        raise CaseError(
+            f"--error: omit {' and '.join(given)}; the runs are members of a sweep, each on one core, and "
+            "the same command continues them"
+        )
+    out = out if out is not None else Path("runs") / f"{loaded.name}_error.h5"
+    out.parent.mkdir(parents=True, exist_ok=True)
+    if not quiet and isinstance(loaded, js.Case) and not out.exists():
+        print_notes([*loaded.notices(), *filter(None, [advice()])])
+        _announce_finer(loaded, "the run")
+    found = js.with_error(loaded, out, progress=not quiet)
+    flat, own = loaded.dim == 2, found.runs.meanings.labels
+    if first := found.runs.meanings.first(found.results):
+        label = label_of(first, flat, own)
+        answer = {"label": f"{label.text.strip()} without the error of the spacing", "unit": label.unit}
+        answer |= {"value": with_error_in_words(found[first].value, found[first].error), "expected": ""}
+        SweepFile(out).conclude(answer | {"note": "from runs at two spacings"})
+    if not quiet:
+        print_table(limit_rows(found, flat))
+    typer.echo(f"recorded in {out}")
+    write_page(out, report, quiet)
+
+
+def _announce_finer(case: Any, runs: str) -> None:
+    """Prints how long the run of a case with half of the spacing takes; `runs`: the beginning of the text."""
+    import jaxsph as js
+    from jaxsph.study.spacing_error import FINER
+
+    finer = js.duration(case.replace({"dx": case.dx / FINER}), devices=1)
+    typer.echo(f"{runs} with half of the spacing takes about {in_time(finer.total)}", err=True)
+
+
+def limit_rows(found: Any, flat: bool) -> list[tuple[str, str]]:
+    """Labels of results without energies of the whole run, their limits, and values at both spacings."""
+    coarse, fine = (f"{dx:g} m" for dx in found.dx)
+    own = found.runs.meanings.labels
+    rows = [("", f"{'limit':>18}  {f'dx = {fine}':>12} {coarse:>12}")]
+    for name in in_order(found.results, own):
+        if name.startswith("whole_"):
+            continue
+        label, one = label_of(name, flat, own), found[name]
+        values = f"{in_words(one.fine):>12} {in_words(one.coarse):>12}"
+        rows.append(
+            (short(label), f"{with_error_in_words(one.value, one.error):>18}  {values} {label.unit}".rstrip())
+        )
+    return rows
+
+
+def print_errors(
+    done: Any, places: Sequence[tuple[int, ...]], out: Path, workers: int | None, quiet: bool
+) -> None:
+    """Runs members of a sweep at two spacings, and prints the limit of the result that the sweep shows."""
+    from jaxsph.study.spacing_error import errors_of_members
+
+    ended = [place for place in places if place not in done.failures]
+    if not ended:
+        return
+    if not quiet:
+        runs = f"each of {len(ended)} runs" if ended[1:] else "the run"
+        _announce_finer(done.case.replace(done.at(ended[0])), runs)
+    found = errors_of_members(done, ended, out, workers=workers, progress=not quiet)
+    if not quiet:
+        rows = []
+        for place, one in found.items():
+            name = one.runs.meanings.first(one.results)
+            if name:
+                text = label_of(name, True, one.runs.meanings.labels).text.strip()
+                limit = with_error_in_words(one[name].value, one[name].error)
+                rows.append((done.words(place), f"{text} without the error of the spacing {limit}"))
+        print_table(rows)
+
+
+def chosen_members(
+    loaded: Any, over: Mapping[str, Sequence[float]], given: Sequence[str]
+) -> list[tuple[int, ...]]:
+    """Indices of the members that --error-at names; none without this option. **Raises** CaseError for values
+    that the sweep does not have."""
+    import jaxsph as js
+
+    if not given:
+        return []
+    if isinstance(loaded, js.Program):
+        raise CaseError("--error-at: only the spacing of a case can be changed, and this is a program")
+    values = each_once((values_of(text, "--error-at") for text in given), "--error-at")
+    try:
+        return js.members_at(over, values)
+    except CaseError as error:
+        raise CaseError(f"--error-at {error}") from None
