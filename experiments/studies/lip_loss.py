@@ -77,15 +77,16 @@ def main(t1: float = 14.0, finest: float = 0.005) -> None:
     """Runs or continues the variants whose spacing is at least `finest` (m)."""
     chosen = [one for one in variants() if one.dx >= finest - 1e-9]
     with Report("lip_loss", "Loss at the lip of the OWC's front wall") as report:
-        found = {}
+        found, seconds = {}, 0.0
         for one in chosen:
             case = study_case("incompressible", one.dx).replace(one.changes)
             name = "lip_loss_" + "".join(c if c.isalnum() or c == "." else "_" for c in one.label)
             file = solved(case, name, t1)
             found[one.label] = _read(case, file.series(), file.results(), int(file.results()["periods"]))
-            report.seconds += file.results()["wall_seconds"]
+            seconds += file.results()["wall_seconds"]
             for key, (label, unit) in ROWS.items():
                 report.row(f"{one.label}: {label}", found[one.label][key], unit)
+        report.seconds = seconds
         report.picture(_picture(found))
 
 

@@ -1,11 +1,12 @@
-"""The built-in OWC over ten periods after the transient: energy budget, flow, efficiency."""
+"""The built-in OWC over ten periods after the transient: energy budget, flow, efficiency, and its limit for
+spacing zero."""
 
 from __future__ import annotations
 
 import numpy as np
 
 import jaxsph as js
-from experiments.common import Report, solved
+from experiments.common import RUNS, Report, solved
 from jaxsph import analysis
 
 
@@ -21,6 +22,27 @@ def main(dx: float = 0.02) -> None:
     with Report(f"owc_{dx:g}", title, dx) as report:
         report.seconds = results["wall_seconds"]
         _rows(report, case, results, over)
+        _limit(report, case)
+
+
+def _limit(report: Report, case: js.Case) -> None:
+    """Reports xi without the error of the spacing, and how far it is from xi at the spacing of the case."""
+    found = js.with_error(case, RUNS / f"{report.name}_error.h5")
+    xi, minutes = found["xi"], found.runs["wall_seconds"] / 60.0
+    report.row(f"xi at {found.dx[0]:g} m, mean of three runs", xi.coarse)
+    report.row(f"xi at {found.dx[1]:g} m", xi.fine)
+    report.row("xi, limit for spacing zero", xi.value)
+    report.row("xi, stated error of this limit", xi.error)
+    off = xi.coarse / xi.value - 1.0
+    report.row(
+        f"xi at {found.dx[0]:g} m against this limit",
+        100.0 * off,
+        "%",
+        bar="within 3 %",
+        passes=abs(off) < 0.03,
+    )
+    for dx in found.dx:
+        report.row(f"wall time of a run at {dx:g} m", np.mean(minutes[found.runs.axes["dx"] == dx]), "min")
 
 
 def _rows(report: Report, case: js.Case, results: dict[str, float], over: dict[str, np.ndarray]) -> None:

@@ -21,7 +21,7 @@ from jaxsph.core.arrays import Array
 from jaxsph.core.blocks import BLOCK, BlockedTable, block_count
 
 SHARE = 0.35
-"""Ratio of the wall time of a step with native forms to that with JAX's forms (-); 0.24 to 0.38 in
+"""Ratio of the wall time of a step with native forms to that with JAX's forms (-); 0.27 to 0.45 in
 `python -m experiments run bench_native`."""
 
 _switch = {"on": importlib.util.find_spec("llvmlite") is not None}
@@ -41,7 +41,7 @@ def advice() -> str:
     """Note for a run on a CPU on which llvmlite is not installed; empty otherwise."""
     if importlib.util.find_spec("llvmlite") or jax.default_backend() != "cpu":
         return ""
-    return "a time step takes 0.25 to 0.4 times as long with native loops: pip install 'jaxsph[native]'"
+    return "a time step takes 0.25 to 0.45 times as long with native loops: pip install 'jaxsph[native]'"
 
 
 def _int32(a: Array) -> Array:
