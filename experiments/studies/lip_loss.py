@@ -110,8 +110,9 @@ def _read(
     H, T = results["incident_height"], case.waves.T
     reading = "" if "flow" in series else "_column"
     flow, pressure = (amplitude(series, f"{name}{reading}", T, periods) for name in ("flow", "P_a"))
-    water = js.linear_owc(study_case("incompressible", case.dx)).water
-    K_dm = study_case("incompressible", case.dx).pto.K_dm
+    usual = study_case("incompressible", case.dx)
+    thickness = usual.device.wall_thickness if case.device is not None else FRONT[1] - FRONT[0]
+    water, K_dm = js.linear_owc(usual.replace({"device.wall_thickness": thickness})).water, usual.pto.K_dm
     theory = js.linear_response(water, H, K_dm, case.fluid.rho0, ZETA)
     # flow and efficiency fall with growing loss
     zeta, zeta_xi = (
