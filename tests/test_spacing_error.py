@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 import jaxsph as js
 from jaxsph.analysis.spacing import Limit, limit
 from jaxsph.cli.app import app
-from jaxsph.cli.spacing import limit_rows, print_errors
+from jaxsph.cli.spacing import chosen_members, limit_rows, print_errors
 from jaxsph.errors import CaseError
 from jaxsph.output.sweep_file import Meanings, SweepFile
 from jaxsph.report.labels import with_error_in_words
@@ -147,6 +147,12 @@ def test_values_that_a_sweep_does_not_have_are_named():
     assert (
         "--error-at 'pto.K_dm': must be KEY=VALUE" in CliRunner().invoke(app, [*command, "pto.K_dm"]).output
     )
+
+
+def test_a_sweep_on_a_cluster_cannot_state_errors():
+    assert chosen_members(CASE, GRID, [], "tcp://host:8786") == []
+    with pytest.raises(CaseError, match="--error-at: omit --scheduler"):
+        chosen_members(CASE, GRID, ["pto.K_dm=300"], "tcp://host:8786")
 
 
 def test_limits_of_members_are_stored_in_the_file_of_the_sweep(monkeypatch, tmp_path):

@@ -109,16 +109,20 @@ def print_errors(
 
 
 def chosen_members(
-    loaded: Any, over: Mapping[str, Sequence[float]], given: Sequence[str]
+    loaded: Any, over: Mapping[str, Sequence[float]], given: Sequence[str], scheduler: str | None
 ) -> list[tuple[int, ...]]:
     """Indices of the members that --error-at names; none without this option. **Raises** CaseError for values
-    that the sweep does not have."""
+    that the sweep does not have, and for a sweep on a cluster."""
     import jaxsph as js
 
     if not given:
         return []
     if isinstance(loaded, js.Program):
         raise CaseError("--error-at: only the spacing of a case can be changed, and this is a program")
+    if scheduler is not None:
+        raise CaseError(
+            "--error-at: omit --scheduler; the runs with half of the spacing use the cores of this machine"
+        )
     values = each_once((values_of(text, "--error-at") for text in given), "--error-at")
     try:
         return js.members_at(over, values)

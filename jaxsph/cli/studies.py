@@ -79,7 +79,7 @@ def sweep(
         if t1 is not None and "t1" in over:
             raise CaseError("--t1: t1 is also a parameter of --grid; give only one of the two")
         loaded = load(case, settings, quick, t1)
-        places = chosen_members(loaded, over, error_at or ())
+        places = chosen_members(loaded, over, error_at or (), scheduler)
         out = out if out is not None else Path("runs") / f"{loaded.name}_sweep.h5"
         if not quiet:
             _refuse_equal(loaded, over)
