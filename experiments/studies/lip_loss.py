@@ -41,8 +41,9 @@ def variants() -> list[Variant]:
     """Runs of the study, the fast ones first."""
 
     def at(dx: float, **changes: Any) -> Variant:
-        keys = {"strength": "scheme.hyperviscosity", "H": "waves.H"}
-        words = [f"{1e3 * dx:g} mm", *(f"{name} = {value:g}" for name, value in changes.items())]
+        keys, units = {"strength": "scheme.hyperviscosity", "H": "waves.H"}, {"strength": "", "H": " m"}
+        each = (f"{name} = {value:g}{units[name]}" for name, value in changes.items())
+        words = [f"{1e3 * dx:g} mm", *each]
         return Variant(", ".join(words), dx, {keys[name]: value for name, value in changes.items()})
 
     strengths = [at(dx, strength=s) for dx in (0.02, 0.01) for s in (0.3, 3.0)]
@@ -144,7 +145,7 @@ def _picture(found: dict[str, dict[str, float]]) -> Figure:
             values = [one[name] for one in found.values()]
             at.barh(places + k * width, values, width, label=ROWS[name][0])
         at.set(title=title)
-        at.legend(fontsize="x-small")
+        at.legend(fontsize="x-small", loc="upper center", bbox_to_anchor=(0.5, -0.08))
     axis.set_yticks(places + 0.2, list(found), fontsize="small")
     axis.invert_yaxis()
     return figure
