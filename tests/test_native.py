@@ -369,7 +369,7 @@ def test_the_exponential_function_is_accurate(dtype):
         smoothing = Smoothing(WendlandC2(), jnp.asarray(1.0, dtype))
 
         def summed(mine):
-            sources = with_empty(jax.tree.map(lambda a: a[:1], mine))
+            sources = with_empty(jax.tree.map(lambda a: a[:16], mine))  # the fewest for any processor
             return pair_sum(lambda pair, i, j: jnp.exp(i["a"]), smoothing, mine, sources, table)
 
         before = len(functions.registered())

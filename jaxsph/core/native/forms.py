@@ -189,7 +189,8 @@ def native_loop(
     if kind.kind != "f" or any(np.ndim(a) for a in closed.consts):
         return None
     held = [jnp.asarray(a) for a in closed.consts]
-    name, row = _registered(closed, (held, targets, sources, constants), table.shape[1], sums)
+    counts = table.shape[1], sources[0].shape[0]
+    name, row = _registered(closed, (held, targets, sources, constants), counts, sums)
     if not name:
         return None
 
@@ -238,11 +239,12 @@ def native_weighted_sum(table: BlockedTable, weights: Array, f: Array) -> Callab
 
 
 def _registered(
-    closed: Any, arguments: tuple[Sequence[Array], ...], count: int, sums: int
+    closed: Any, arguments: tuple[Sequence[Array], ...], counts: tuple[int, int], sums: int
 ) -> tuple[str, int]:
-    """Name of the native function of a law for `count` targets, and the length of the sources' rows.
+    """Name of the native function of a law, and the length of the sources' rows.
 
-    `closed`: the law's jaxpr; `arguments`: as for `PairLoop`. The name is empty if there is no native form.
+    `closed`: the law's jaxpr; `arguments`: as for `PairLoop`; `counts`: numbers of targets and of sources.
+    The name is empty if there is no native form.
     """
     from jaxsph.core.native.functions import register
     from jaxsph.core.native.sums import PairLoop
@@ -252,7 +254,7 @@ def _registered(
     results = [a.dtype for a in closed.out_avals]
     loop = PairLoop(closed.jaxpr, held, targets, sources, constants, results[:sums], results[sums:])
     lanes = vector_bytes() // sources[0].itemsize
-    if count < (BLOCK if loop.weights else lanes):
+    if counts[0] < (BLOCK if loop.weights else lanes) or counts[1] < lanes:
         return "", 0
     try:
         return register(lambda name: loop.module(name, lanes)), loop.row

@@ -60,7 +60,7 @@ class PairLoop(NamedTuple):
 
         Its arguments are the table `[K, N]`, the scalars `held`, the fields of the targets `[N]` and those
         of the sources `[M]`, and the constants; its results are the sums `[N]`, the weights in blocks,
-        and the rows `[M, row]`. N must be at least `lanes`, or `BLOCK` with weights.
+        and the rows `[M, row]`. M and N must be at least `lanes`, and N at least `BLOCK` with weights.
         """
         module, call = begin_call(name)
         slots, targets = call.sizes(0, 2)
@@ -77,12 +77,21 @@ class PairLoop(NamedTuple):
         builder, dtype = vectors.builder, self.sources[0]
         first = 1 + len(self.held) + len(self.targets)
         sources = [call.argument(first + k) for k in range(len(self.sources))]
-        rows = call.result(len(self.sums) + len(self.weights))
-        with vectors.loop(begin, end, 1) as (source, _, _):
-            row = builder.mul(source, INDEX(self.row))
-            for k, field in enumerate(sources):
-                value = vectors.element(field, dtype, source)
-                builder.store(value, vectors.place(rows, dtype, builder.add(row, INDEX(k))))
+        rows, (count,) = call.result(len(self.sums) + len(self.weights)), call.sizes(first, 1)
+        with vectors.loop(begin, end, vectors.lanes) as (group, _, _):
+            at, _ = _first(builder, group, count, vectors.lanes)
+            fields = [vectors.load(field, dtype, at) for field in sources]
+            fields += [vectors.constant(0, dtype)] * (self.row - len(fields))
+            for k in range(0, self.row, TOGETHER):
+                for lane, part in enumerate(vectors.rows(fields[k : k + TOGETHER])):
+                    row = builder.mul(builder.add(at, INDEX(lane)), INDEX(self.row))
+                    place = vectors.place(rows, dtype, builder.add(row, INDEX(k)))
+                    builder.store(part, place, align=self._align)
+
+    @property
+    def _align(self) -> int:
+        """Alignment of `TOGETHER` elements of a row, bytes; at most 16."""
+        return min(TOGETHER * self.sources[0].itemsize, 16)
 
     def _sum(self, vectors: Vectors, call: Call, begin: Value, end: Value) -> None:
         """Computes the results for targets."""
@@ -137,13 +146,12 @@ class PairLoop(NamedTuple):
         ]
         found: list[Value] = []
         part = ir.VectorType(scalar(dtype), TOGETHER)
-        align = TOGETHER * np.dtype(dtype).itemsize
         for first in range(0, self.row, TOGETHER):
             parts = [
                 builder.load(
                     vectors.place(rows, dtype, builder.add(start, INDEX(first))),
                     typ=part,
-                    align=min(align, 16),
+                    align=self._align,
                 )
                 for start in starts
             ]

@@ -168,7 +168,17 @@ class Vectors:
         Rows k, k + 4, k + 8, ... form one vector, so that every shuffle of two such vectors stays within
         groups of four lanes.
         """
-        first, second, third, fourth = (self._joined(rows[k::4]) for k in range(4))
+        return self._exchanged([self._joined(rows[k::4]) for k in range(4)])
+
+    def rows(self, columns: list[Value]) -> list[Value]:
+        """Rows of four elements, one per lane: the inverse of `transposed`."""
+        found = self._exchanged(columns)
+        parts = [list(range(group, group + 4)) for group in range(0, self.lanes, 4)]
+        return [self.shuffled(a, a, part) for part in parts for a in found]
+
+    def _exchanged(self, vectors: list[Value]) -> list[Value]:
+        """Four vectors, each group of whose lanes contains a column of the same groups of four `vectors`."""
+        first, second, third, fourth = vectors
         found = []
         for pick in ([0, 4, 1, 5], [2, 6, 3, 7]):
             a, b = self._interleaved(first, second, pick), self._interleaved(third, fourth, pick)
