@@ -22,8 +22,8 @@ from jaxsph.output.run_file import RunFile
 from jaxsph.report.pack import UNSEEN, Pack, steps_in_bytes
 from jaxsph.report.space import MISSING, MOST_FRAMES, Space
 
-MOST = 1_200_000
-"""Largest product of the numbers of particles and frames in a page; about 5 MB of data."""
+MOST = 950_000
+"""Largest product of the numbers of particles and frames in a page, with which a page has less than 8 MB."""
 LEAST_FRAMES = 24
 """Smallest number of frames to which a page is reduced; if that is not enough, fewer particles are shown."""
 SECTIONS = (5, 3, 1)
