@@ -63,7 +63,7 @@ PROSE = (
         (README,),
     ),
     Sentence(
-        "energy not accounted for, as a share of the paddle's work | 2 % | {:.3f} %",
+        "energy not accounted for, as a share of the paddle's work | 2 % | {:.4f} %",
         lambda r: (share("owc_0.02", "not accounted for")(r),),
         (README,),
     ),
@@ -165,7 +165,7 @@ PROSE = (
         (METHOD,),
     ),
     Sentence(
-        "For the OWC {:.3f} % of the paddle's work is not accounted for",
+        "For the OWC {:.4f} % of the paddle's work is not accounted for",
         lambda r: (abs(share("owc_0.02", "not accounted for")(r)),),
         (METHOD,),
     ),
@@ -356,7 +356,7 @@ PROSE = (
     # theory and guides
     Sentence(
         "{:.0f} % lost to hyperviscosity and {:.1f} % gained in the projection at dx = 0.02 m; "
-        "{:.3f} % not accounted for",
+        "{:.4f} % not accounted for",
         lambda r: (
             of_owc("hyperviscosity")(r),
             -of_owc("projection")(r),

@@ -28,19 +28,21 @@ def main(dx: float = 0.02) -> None:
 def _limit(report: Report, case: js.Case) -> None:
     """Reports xi without the error of the spacing, and how far it is from xi at the spacing of the case."""
     found = js.with_error(case, RUNS / f"{report.name}_error.h5")
-    xi, minutes = found["xi"], found.runs["wall_seconds"] / 60.0
-    report.row(f"xi at {found.dx[0]:g} m, mean of three runs", xi.coarse)
-    report.row(f"xi at {found.dx[1]:g} m", xi.fine)
-    report.row("xi, limit for spacing zero", xi.value)
-    report.row("xi, stated error of this limit", xi.error)
-    off = xi.coarse / xi.value - 1.0
-    report.row(
-        f"xi at {found.dx[0]:g} m against this limit",
-        100.0 * off,
-        "%",
-        bar="within 3 %",
-        passes=abs(off) < 0.03,
-    )
+    minutes = found.runs["wall_seconds"] / 60.0
+    for name, label in (("xi", "xi"), ("xi_measured", "xi over the measured incident wave")):
+        one = found[name]
+        report.row(f"{label} at {found.dx[0]:g} m, mean of three runs", one.coarse)
+        report.row(f"{label} at {found.dx[1]:g} m", one.fine)
+        report.row(f"{label}, limit for spacing zero", one.value)
+        report.row(f"{label}, stated error of this limit", one.error)
+        off = one.coarse / one.value - 1.0
+        report.row(
+            f"{label} at {found.dx[0]:g} m against this limit",
+            100.0 * off,
+            "%",
+            bar="within 3 %",
+            passes=abs(off) < 0.03,
+        )
     for dx in found.dx:
         report.row(f"wall time of a run at {dx:g} m", np.mean(minutes[found.runs.axes["dx"] == dx]), "min")
 
