@@ -67,7 +67,8 @@ class PairLoop(NamedTuple):
         (count,) = call.sizes(1 + len(self.held) + len(self.targets), 1)
         with in_parts(call, count, INDEX(PACKED)) as (part, begin, end):
             self._pack(Vectors(part.builder, lanes), part, begin, end)
-        with in_parts(call, targets, part_length(call.builder, slots, lanes)) as (part, begin, end):
+        together = BLOCK if self.weights else lanes
+        with in_parts(call, targets, part_length(call.builder, slots, together)) as (part, begin, end):
             self._sum(Vectors(part.builder, lanes), part, begin, end)
         call.finish()
         return module
