@@ -88,14 +88,15 @@ def print_errors(
     done: Any, places: Sequence[tuple[int, ...]], out: Path, workers: int | None, quiet: bool
 ) -> None:
     """Runs members of a sweep at two spacings, and prints the limit of the result that the sweep shows."""
-    from jaxsph.study.spacing_error import errors_of_members
+    from jaxsph.study.spacing_error import errors_of_members, runs_of_member
 
     ended = [place for place in places if place not in done.failures]
     if not ended:
         return
-    if not quiet:
-        runs = f"each of {len(ended)} runs" if ended[1:] else "the run"
-        _announce_finer(done.case.replace(done.at(ended[0])), runs)
+    new = [place for place in ended if not runs_of_member(done, place, out).exists()]
+    if new and not quiet:
+        runs = f"each of {len(new)} runs" if new[1:] else "the run"
+        _announce_finer(done.case.replace(done.at(new[0])), runs)
     found = errors_of_members(done, ended, out, workers=workers, progress=not quiet)
     if not quiet:
         rows = []

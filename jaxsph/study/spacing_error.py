@@ -120,13 +120,20 @@ def errors_of_members(
         raise CaseError("this is a sweep of a program; only the spacing of a case can be changed")
     file, found = SweepFile(Path(out).resolve()), {}
     for place in places:
-        index = int(np.ravel_multi_index(place, next(iter(done.results.values())).shape))
-        runs = file.path.with_name(f"{file.path.stem}_error_{index}.h5")
-        one = with_error(
-            done.case.replace(done.at(place)), runs, repeats=repeats, workers=workers, progress=progress
-        )
+        case, runs = done.case.replace(done.at(place)), runs_of_member(done, place, file.path)
+        one = with_error(case, runs, repeats=repeats, workers=workers, progress=progress)
         found[place] = one
         limits = {LIMIT + name: limit.value for name, limit in one.results.items()}
         limits |= {LIMIT_ERROR + name: limit.error for name, limit in one.results.items()}
-        file.add_results(index, limits)
+        file.add_results(_index(done, place), limits)
     return found
+
+
+def runs_of_member(done: Sweep, place: tuple[int, ...], out: Path) -> Path:
+    """File of the runs that state the error of a member, beside the sweep's file `out`."""
+    return out.with_name(f"{out.stem}_error_{_index(done, place)}.h5")
+
+
+def _index(done: Sweep, place: tuple[int, ...]) -> int:
+    """Flat index of a member."""
+    return int(np.ravel_multi_index(place, next(iter(done.results.values())).shape))
