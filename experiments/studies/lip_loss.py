@@ -110,6 +110,8 @@ def _read(
     """Values of a run, see `ROWS`."""
     H, T = results["incident_height"], case.waves.T
     reading = "" if "flow" in series else "_column"
+    # like the reflection and the flow of linear theory, in waves of the measured height
+    xi = results["xi_measured"]
     flow, pressure = (amplitude(series, f"{name}{reading}", T, periods) for name in ("flow", "P_a"))
     usual = study_case("incompressible", case.dx)
     thickness = usual.device.wall_thickness if case.device is not None else FRONT[1] - FRONT[0]
@@ -118,15 +120,15 @@ def _read(
     # flow and efficiency fall with growing loss
     zeta, zeta_xi = (
         float(np.interp(-here, -expected, ZETA))
-        for here, expected in ((flow, np.abs(theory.q)), (results["xi"], theory.xi))
+        for here, expected in ((flow, np.abs(theory.q)), (xi, theory.xi))
     )
     return {
-        "xi": results["xi"],
+        "xi": xi,
         "flow": flow,
         "pressure": pressure,
         "zeta": zeta,
         "zeta_xi": zeta_xi,
-        "lost": 100.0 * (1.0 - results["xi"] - results["reflection"] ** 2),
+        "lost": 100.0 * (1.0 - xi - results["reflection"] ** 2),
         "hyperviscosity": 100.0 * results["energy_hyperviscosity"] / results["energy_paddle"],
         "noise": results["noise"],
     }
