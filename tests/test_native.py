@@ -15,10 +15,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jaxsph.core.kernels import Gaussian, Semicircle, WendlandC2
+from jaxsph.core.loop import steps
 from jaxsph.core.native import forms, functions
 from jaxsph.core.native.translation import COMPARISONS, RULES
 from jaxsph.core.pairs import Smoothing, pair_sum, pair_weights, weighted_sum, with_empty
 from jaxsph.core.search.cells import grid_over, search
+from jaxsph.core.transforms import keep
 from jaxsph.model import laws
 from jaxsph.schemes.kernels import KERNEL, usual_length
 
@@ -194,36 +196,87 @@ def test_weighted_sums_agree(dim):
         _agree(*_both(_weighted, fields, smoothing, _table(COUNTS[dim])), 1e-13)
 
 
-def test_a_weighted_sum_can_be_transposed_in_the_form_of_jax():
+@pytest.mark.parametrize("on", [False, True])
+def test_a_weighted_sum_can_be_transposed(on):
     fields, smoothing, table = _fields(2), _smoothing(2), _table(COUNTS[2])
     listed, n = forms.blocked(table), COUNTS[2] + 1
     weights = _stored(fields, smoothing, listed)[1]
-    with forms.switched(False):
+    with forms.switched(on):
         transposed = jax.linear_transpose(lambda f: weighted_sum(weights, f, listed), jnp.zeros(n))
         (back,) = transposed(jnp.ones(COUNTS[2]))
     expected = np.bincount(np.ravel(table), np.ravel(listed.by_slot(weights)), n)
     np.testing.assert_allclose(back, expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("function", ["sum", "weights", "weighted"])
-def test_derivatives_agree(function):
-    def summed(fields, smoothing, table):
-        if function != "sum":
-            return {"weights": _weights, "weighted": _weighted}[function](fields, smoothing, table)
-        return pair_sum(laws.pressure_force, smoothing, fields, with_empty(fields), table)
+def _pressures(fields, smoothing, table):
+    return pair_sum(laws.pressure_force, smoothing, fields, with_empty(fields), table)
 
-    fields, smoothing, table = _fields(2), _smoothing(2), _table(COUNTS[2])
+
+SUMS = {"sum": _pressures, "weights": _weights, "weighted": _weighted}
+
+
+def _forward(summed, fields, smoothing):
+    """Results of a sum and their tangents."""
     other = jax.tree.map(lambda a: 0.1 * a, (_fields(2, seed=1), smoothing))
+    return jax.jvp(lambda f, s: summed(f, s, _table(COUNTS[2])), (fields, smoothing), other)
 
-    def forward(fields, smoothing):
-        return jax.jvp(lambda f, s: summed(f, s, table), (fields, smoothing), other)
 
-    def backward(fields, smoothing):
-        total = lambda f, s: sum(jnp.sum(a**2) for a in jax.tree.leaves(summed(f, s, table)))  # noqa: E731
-        return jax.grad(total, (0, 1))(fields, smoothing)
+def _backward(summed, fields, smoothing):
+    """Gradient of the squares of a sum."""
 
-    for derivative in (forward, backward):
-        _agree(*_both(derivative, fields, smoothing), 1e-5)
+    def total(fields, smoothing):
+        return sum(jnp.sum(a**2) for a in jax.tree.leaves(summed(fields, smoothing, _table(COUNTS[2]))))
+
+    return jax.grad(total, (0, 1))(fields, smoothing)
+
+
+@pytest.mark.parametrize("derivative", [_forward, _backward])
+@pytest.mark.parametrize("name", SUMS)
+def test_derivatives_agree_and_are_native(name, derivative):
+    derivative, arguments = functools.partial(derivative, SUMS[name]), (_fields(2), _smoothing(2))
+    _agree(*_both(derivative, *arguments), 1e-5)
+    texts = []
+    for on in (False, True):
+        with forms.switched(on):
+            texts.append(jax.jit(lambda *given: derivative(*given)).lower(*arguments).as_text())
+    by_jax, native = texts
+    # a gather or a scatter over all neighbours in JAX's form, in a loop over the slots
+    assert "stablehlo.while" in by_jax and "stablehlo.while" not in native
+
+
+def _moved(scale, fields, smoothing, table):
+    """Sum of squares of velocities after steps of a loop that reverse mode recomputes."""
+
+    def step(fields):
+        force = keep(_pressures(fields, smoothing, table))
+        around = _weighted(fields, smoothing, table)
+        p = fields["p"] + 1e-7 * scale * around
+        return fields | {"u": tuple(u + 1e-5 * f for u, f in zip(fields["u"], force, strict=True)), "p": p}
+
+    last = steps(step, fields, 3)
+    return sum(jnp.sum(a**2) for a in jax.tree.leaves(last["u"]))
+
+
+@pytest.mark.parametrize(
+    "derivative",
+    [
+        lambda f: jax.grad(f),
+        lambda f: jax.vmap(jax.grad(f)),
+        lambda f: jax.grad(lambda a: jnp.sum(jax.vmap(f)(a) ** 2)),
+        lambda f: jax.grad(jax.grad(f)),
+        lambda f: lambda a: jax.jvp(jax.grad(f), (a,), (a,))[1],
+        lambda f: lambda a: jax.jvp(lambda b: jax.jvp(f, (b,), (b,))[1], (a,), (a,))[1],
+    ],
+    ids=["once", "in lanes", "over lanes", "twice", "forward of reverse", "forward of forward"],
+)
+def test_derivatives_through_loops_agree(derivative, request):
+    fields, smoothing, table = _fields(2), _smoothing(2), _table(COUNTS[2])
+    scale = jnp.asarray([1.0, 2.0]) if "lanes" in request.node.callspec.id else jnp.float32(2.0)
+
+    def found(scale):
+        return derivative(lambda a: _moved(a, fields, smoothing, table))(scale)
+
+    _agree(*_both(found, scale), 1e-4)
 
 
 def test_lanes_of_a_batch_agree():

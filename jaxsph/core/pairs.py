@@ -16,11 +16,12 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.extend import core as jex
 
 from jaxsph.core.arrays import Array, Components, Float, Int, Scalar, dot
 from jaxsph.core.blocks import BlockedTable
 from jaxsph.core.kernels import AbstractKernel
-from jaxsph.core.native.forms import available, native_loop, native_weighted_sum
+from jaxsph.core.native.pair_sums import Outcome, native_sums, native_weighted_sum
 from jaxsph.core.transforms import any_lane, gather, gather_linearly, keep
 
 Fields = Any
@@ -121,22 +122,47 @@ def pair_sum(
 ) -> Any:
     """Sum of `law(pair, i, j)` over the sources j listed for every target i.
 
-    **Arguments**: `law` is written for one pair with scalar components, and evaluated with arrays over the
-    targets; `targets` and `sources` map names to `[N]` and `[M]` arrays (vectors: tuples of components);
-    the last source is the empty one, and so is every source that a larger index refers to. **Returns** the
-    law's pytree with `[N]` leaves.
+    **Arguments**: `law` is written for one pair with scalar components; `targets` and `sources` map names to
+    `[N]` and `[M]` arrays (vectors: tuples of components); the last source is the empty one, and so is every
+    source that a larger index refers to. **Returns** the law's pytree with `[N]` leaves.
     """
-    return keep(_summed(law, smoothing, targets, sources, table, gather))
+    scalar, groups = _scalar_law(law, smoothing, targets, sources)
+    empty = sources["x"][0].shape[0] - 1
+    # Reverse mode recomputes the terms, since storing the intermediate values needs 14 times the memory.
+    terms = jax.checkpoint(lambda slot, *groups: _at_slot(scalar, jnp.minimum(slot, empty), *groups))
+    shapes = jax.eval_shape(terms, table[0], *groups)
 
+    def zero():
+        return [jnp.zeros(a.shape, a.dtype) for a in shapes]
 
-def linear_pair_sum(
-    law: Law, smoothing: Smoothing, targets: Fields, sources: Fields, table: Int[Array, "K N"]
-) -> Any:
-    """Sum as in `pair_sum`, for tangent fields; the law must be linear in these fields.
+    def add(total, slot, *groups):
+        return jax.tree.map(jnp.add, total, terms(slot, *groups))
 
-    The gathers of this sum can be transposed, which reverse mode needs for tangents.
-    """
-    return _summed(law, smoothing, targets, sources, table, gather_linearly)
+    loop = slot_loop()
+
+    def added(add, total, rows, *groups):
+        return loop.over(lambda total, slot: (add(total, slot, *groups), None), total, rows)[0]
+
+    def where_filled(add, total, rows, *groups):
+        if not loop.skips_empty:
+            return add(total, rows, *groups)
+        # The last rows of a table are spare, and empty in most blocks.
+        filled = any_lane(jnp.any(rows < empty))
+        return jax.lax.cond(filled, add, lambda total, *_: total, total, rows, *groups)
+
+    def by_jax(table, *groups):
+        return added(functools.partial(where_filled, add), zero(), table, *groups)
+
+    # All spare rows share one branch outside the loop. Reverse mode stores all inputs of a branch, and with a
+    # branch inside the loop it would store the sources once for every row.
+    def derived(table, *groups):
+        own = int(len(table) / SPARE)
+        add_rows = functools.partial(added, add)
+        return where_filled(add_rows, add_rows(zero(), table[:own], *groups), table[own:], *groups)
+
+    found = native_sums(scalar.law, groups, table, Outcome(len(shapes)), derived)
+    found = found or _with_derivative(by_jax, derived)(table, *groups)
+    return keep(jax.tree.unflatten(scalar.results, found))
 
 
 def pair_weights(
@@ -148,22 +174,23 @@ def pair_weights(
     The second results are the weights of a sum that is evaluated many times. The arguments are those of
     `pair_sum`; the law returns a pair (term, weight).
     """
-    fields, indices = (smoothing, targets, sources), table.indices
-    terms, closed = jax.closure_convert(_terms(law, *fields, gather), indices[0])
-    summed, weights = jax.eval_shape(terms, indices[0], *closed)
-    structure, sums = jax.tree.structure((summed, weights)), len(jax.tree.leaves(summed))
-    native, given = _native(law, *fields, indices, sums, structure) if table.in_blocks else (None, ())
+    scalar, groups = _scalar_law(law, smoothing, targets, sources)
+    results = jax.tree.unflatten(scalar.results, range(scalar.results.num_leaves))
+    outcome = Outcome(*(len(jax.tree.leaves(part)) for part in results))
+    count = outcome.sums
 
-    def by_jax(indices, *closed):
+    def by_jax(indices, *groups):
         def add(total, slot):
-            term, weight = terms(slot, *closed)
-            return jax.tree.map(jnp.add, total, term), weight
+            found = _at_slot(scalar, slot, *groups)
+            return jax.tree.map(jnp.add, total, found[:count]), found[count:]
 
-        start = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), summed)
+        shapes = jax.eval_shape(lambda slot: _at_slot(scalar, slot, *groups)[:count], indices[0])
+        start = [jnp.zeros(a.shape, a.dtype) for a in shapes]
         total, weights = slot_loop().over(add, start, indices)
-        return total, jax.tree.map(table.stored, weights)
+        return total + [table.stored(a) for a in weights]
 
-    return _preferred(native, by_jax, by_jax, indices, closed, given)
+    found = native_sums(scalar.law, groups, table.indices, outcome, by_jax) if table.in_blocks else []
+    return jax.tree.unflatten(scalar.results, found or by_jax(table.indices, *groups))
 
 
 def weighted_sum(
@@ -173,30 +200,54 @@ def weighted_sum(
     units of `weights` and f.
 
     The last of the M values of f belongs to the empty source. This value may be any number, because its
-    weights are zero. Only JAX's form of this sum can be transposed (`forms.switched`).
+    weights are zero.
     """
 
-    def by_jax(indices, weights, f):
+    def by_jax(weights, f, table):
         def add(total, row):
             weight, slot = row
             return total + weight * gather_linearly(f, slot), None
 
-        start = jnp.zeros(indices.shape[1], f.dtype)
-        return slot_loop().over(add, start, (table.by_slot(weights), indices))[0]
+        start = jnp.zeros(table.indices.shape[1], f.dtype)
+        return slot_loop().over(add, start, (table.by_slot(weights), table.indices))[0]
 
-    native = native_weighted_sum(table, weights, f)
-    if not native:
-        return by_jax(table.indices, weights, f)
-    return _preferred(native, by_jax, by_jax, table.indices, (weights, f), (table.blocks, weights, f))
+    found = native_weighted_sum(weights, f, table, by_jax)
+    return found[0] if found else by_jax(weights, f, table)
 
 
-def _terms(law, smoothing, targets, sources, take):
-    """Function of one slot that evaluates the law for every target and its source in that slot."""
+class ScalarLaw(NamedTuple):
+    """Pair law as a function of the scalars of one pair."""
 
-    def pair_terms(slot):
-        return _term(law, smoothing, targets, jax.tree.map(lambda a: take(a, slot), sources))
+    law: Callable[[list[Any], list[Any], list[Any]], list[Any]]
+    """Results as a list, from the fields of the target, those of the source, and the constants."""
+    results: Any
+    """Structure of the results as a pytree."""
 
-    return pair_terms
+
+def _scalar_law(law, smoothing, targets, sources):
+    """Law as a function of scalars, and lists of the arrays of its targets, its sources and its constants."""
+    leaves, fields = jax.tree.flatten((targets, sources))
+    count = len(jax.tree.leaves(targets))
+    results = None
+
+    def one(*leaves):
+        nonlocal results
+        found, results = jax.tree.flatten(_term(law, smoothing, *jax.tree.unflatten(fields, leaves)))
+        return found
+
+    closed = jax.make_jaxpr(one)(*(jax.ShapeDtypeStruct((), a.dtype) for a in leaves))
+
+    def of_groups(targets, sources, constants):
+        return jex.jaxpr_as_fun(jex.ClosedJaxpr(closed.jaxpr, constants))(*targets, *sources)
+
+    groups = leaves[:count], leaves[count:], list(map(jnp.asarray, closed.consts))
+    return ScalarLaw(of_groups, results), groups
+
+
+def _at_slot(law, slot, targets, sources, constants):
+    """Law's results for every target and its source in one slot, from the arrays of the law's arguments."""
+    here = [gather(a, slot) for a in sources]
+    return jax.vmap(law.law, in_axes=(0, 0, None))(targets, here, constants)
 
 
 def _term(law, smoothing, i, j):
@@ -209,41 +260,15 @@ def _term(law, smoothing, i, j):
     return law(Pair(r, r2, jnp.where(inside, slope, 0.0), jnp.where(inside, value, 0.0)), i, j)
 
 
-def _native(law, smoothing, targets, sources, table, sums, structure):
-    """Native form of a pair sum, and the arguments that follow the table in this form. Without a native form
-    None, and no arguments.
-
-    `sums`: number of the law's results that are added up; `structure`: tree of all its results.
-    """
-    if not available():
-        return None, ()
-    leaves, fields = jax.tree.flatten((targets, sources))
-    count = len(jax.tree.leaves(targets))
-
-    def one(*leaves):
-        return jax.tree.leaves(_term(law, smoothing, *jax.tree.unflatten(fields, leaves)))
-
-    one, constants = jax.closure_convert(one, *(jax.ShapeDtypeStruct((), a.dtype) for a in leaves))
-    loop = native_loop(one, leaves[:count], leaves[count:], constants, table, sums)
-    if not loop:
-        return None, ()
-    return lambda *given: jax.tree.unflatten(structure, loop(*given)), (*leaves, *constants)
-
-
-def _preferred(native, by_jax, derived, table, closed, given):
-    """Result of `native(table, *given)` or, without a native form, of `by_jax(table, *closed)`; derivatives
-    are those of `derived(table, *closed)`."""
-
-    @jax.custom_jvp
-    def found(table, closed, given):
-        return native(table, *given) if native else by_jax(table, *closed)
+def _with_derivative(function: Callable, derived: Callable) -> Callable:
+    """The function, whose derivative is that of `derived`."""
+    found = jax.custom_jvp(function)
 
     @found.defjvp
     def _(primals, tangents):
-        (table, closed, _), (of_table, of_closed, _) = primals, tangents
-        return jax.jvp(derived, (table, *closed), (of_table, *of_closed))
+        return jax.jvp(derived, primals, tangents)
 
-    return found(table, closed, given)
+    return found
 
 
 @functools.partial(jax.jit, static_argnums=3)
@@ -253,57 +278,6 @@ def _kernel_at(kernel, r2, h, dim):
     The compiler removes the value if the law does not use it.
     """
     return kernel.slope(r2, h, dim), kernel.value(r2, h, dim)
-
-
-def _summed(law, smoothing, targets, sources, table, take):
-    """Sum of the law over the slots of the table; `take` gathers a source's fields."""
-    pair_terms = _terms(law, smoothing, targets, sources, take)
-    empty = sources["x"][0].shape[0] - 1
-    shapes = None
-
-    def noted(slot):
-        nonlocal shapes
-        terms = pair_terms(jnp.minimum(slot, empty))
-        shapes = jax.tree.map(jax.typeof, terms)
-        return terms
-
-    terms, closed = jax.closure_convert(noted, table[0])
-    # Reverse mode recomputes the terms, since storing the intermediate values needs 14 times the memory.
-    terms = jax.checkpoint(terms)
-
-    def zero():
-        return jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), shapes)
-
-    def add(total, slot, *closed):
-        return jax.tree.map(jnp.add, total, terms(slot, *closed))
-
-    loop = slot_loop()
-
-    def added(add, total, rows, *closed):
-        return loop.over(lambda total, slot: (add(total, slot, *closed), None), total, rows)[0]
-
-    def where_filled(add, total, rows, *closed):
-        if not loop.skips_empty:
-            return add(total, rows, *closed)
-        # The last rows of a table are spare, and empty in most blocks.
-        filled = any_lane(jnp.any(rows < empty))
-        return jax.lax.cond(filled, add, lambda total, *_: total, total, rows, *closed)
-
-    def by_jax(table, *closed):
-        return added(functools.partial(where_filled, add), zero(), table, *closed)
-
-    # All spare rows share one branch outside the loop. Reverse mode stores all inputs of a branch, and with a
-    # branch inside the loop it would store the sources once for every row.
-    def derived(table, *closed):
-        own = int(len(table) / SPARE)
-        add_rows = functools.partial(added, add)
-        return where_filled(add_rows, add_rows(zero(), table[:own], *closed), table[own:], *closed)
-
-    native, given = None, ()
-    if take is gather:  # the sums of tangents must be transposed
-        structure = jax.tree.structure(shapes)
-        native, given = _native(law, smoothing, targets, sources, table, structure.num_leaves, structure)
-    return _preferred(native, by_jax, derived, table, closed, given)
 
 
 def with_empty(fields: Fields) -> Fields:

@@ -30,7 +30,6 @@ from jaxsph.core.pairs import (
     Fields,
     Law,
     Smoothing,
-    linear_pair_sum,
     pair_sum,
     pair_weights,
     weighted_sum,
@@ -282,10 +281,6 @@ class Neighbours(eqx.Module):
         partitions = (WHOLE, SPLIT_SOURCES, split(2), WHOLE)
         arguments = (rows, sources, self.indices, targets)
         return self.slabs.over_slabs(local, arguments, partitions, WHOLE)
-
-    def linear_sum(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
-        """Sum of a pair law that is linear in the fields, for tangent fields; see `pairs.linear_pair_sum`."""
-        return self._over(_of_indices(linear_pair_sum, law, smoothing), targets, sources, split(1))
 
     def weights(self, law: Law, smoothing: Smoothing, targets: Fields, sources: Sources) -> Any:
         """Sum of the law's first result, and the law's second result for every slot; see

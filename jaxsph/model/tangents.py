@@ -112,8 +112,12 @@ class Average(NamedTuple):
             there = tuple(-r / h for r in pair.r)
             return jax.tree.map(lambda f: (w * f, tuple(w * f * a for a in there)), j["f"])
 
-        sources = Sources({"x": self.x, "V": self.V, "f": fields}, {})
-        sums = self.table.linear_sum(law, self.smoothing, {"x": self.x}, sources)
+        def summed(fields):
+            sources = Sources({"x": self.x, "V": self.V, "f": fields}, {})
+            return self.table.sum(law, self.smoothing, {"x": self.x}, sources)
+
+        # the sum is linear, and so its own derivative, which reverse mode can transpose
+        _, sums = jax.jvp(summed, (jax.tree.map(jnp.zeros_like, fields),), (fields,))
 
         def fitted(f, inverse, found):
             zeroth, first = found

@@ -43,7 +43,7 @@ class AbstractParticleScheme(AbstractScheme):
         responses = self.respond(model, state, tables)
         # the next search starts from these responses
         p_air = state.particles.p_air | {name: one.pressures.p for name, one in responses.items()}
-        state = eqx.tree_at(lambda s: s.particles.p_air, state, jax.lax.stop_gradient(p_air))
+        state = eqx.tree_at(lambda s: s.particles.p_air, state, p_air)
         return state, eqx.tree_at(lambda t: t.responses, tables, responses)
 
     @Part.SEARCH.scope()

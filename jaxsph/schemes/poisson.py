@@ -15,7 +15,6 @@ import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, Int, Scalar
 from jaxsph.core.loop import steps
-from jaxsph.core.native.forms import switched
 from jaxsph.core.parts import ITERATION
 
 Unknown = Any
@@ -71,7 +70,7 @@ class BiCGStab(AbstractSolver):
 
     The matrix is not symmetric because the walls' pressures are interpolated. The solution is differentiated,
     not the iteration: each derivative follows from a linear equation, which is solved to the same tolerance
-    relative to the right-hand side of this equation.
+    and starts from the derivative of the last step's pressure.
     """
 
     tolerance: float = eqx.field(static=True, default=3e-3)
@@ -91,21 +90,19 @@ class BiCGStab(AbstractSolver):
         """See `AbstractSolver.solve`."""
         # solve for the change since the last step: the change is smaller than the pressure, and so are its
         # rounding errors in float32
-        start = jax.lax.stop_gradient(p)
-        rest = jax.tree.map(jnp.subtract, b, operator(start))
-        # A second unknown, equal to its right-hand side, carries the norm of b to the iteration. For tangents
-        # this unknown is zero, and the norm of the right-hand side of the tangents' equation is used instead.
-        size = jax.lax.stop_gradient(_norm(b))
+        rest = jax.tree.map(jnp.subtract, b, operator(p))
+        # A second unknown, equal to its right-hand side b, carries the norm of b to the iteration.
         # Transposition requires every part of the right-hand side to depend on the differentiated inputs.
         nothing = sum(0.0 * jnp.ravel(a)[0] for a in jax.tree.leaves(rest))
-        rest, size = jax.tree.map(lambda a: a + nothing, (rest, size))
+        rest, whole = jax.tree.map(lambda a: a + nothing, (rest, b))
+        none = jax.tree.map(jnp.zeros_like, b)
 
         def extended(unknown):
-            with switched(False):  # native forms cannot be transposed
-                return operator(unknown[0]), unknown[1]
+            return operator(unknown[0]), unknown[1]
 
         def iterate(product, rhs):
-            measure = jnp.where(rhs[1] > 0.0, rhs[1], _norm(rhs[0]))
+            norm = _norm(rhs[1])
+            measure = jnp.where(norm > 0.0, norm, _norm(rhs[0]))
             least = self.tolerance * measure
 
             x, residual = _bicgstab(product, rhs[0], least, self.iterations)
@@ -116,12 +113,12 @@ class BiCGStab(AbstractSolver):
 
         (change, _), (residual, converged) = jax.lax.custom_linear_solve(
             extended,
-            (rest, size),
+            (rest, whole),
             solve=lambda _, rhs: iterate(operator, rhs),
-            transpose_solve=lambda matvec, rhs: iterate(lambda x: matvec((x, jnp.zeros_like(size)))[0], rhs),
+            transpose_solve=lambda matvec, rhs: iterate(lambda x: matvec((x, none))[0], rhs),
             has_aux=True,
         )
-        return jax.tree.map(jnp.add, start, change), residual, converged
+        return jax.tree.map(jnp.add, p, change), residual, converged
 
 
 CYCLE = 50

@@ -10,8 +10,8 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -44,7 +44,7 @@ def advice() -> str:
     return "a time step takes 0.25 to 0.45 times as long with native loops: pip install 'jaxsph[native]'"
 
 
-def _int32(a: Array) -> Array:
+def int32(a: Array) -> Array:
     """Integers in the type that native code reads; in float64 programs they may have 64 bits."""
     return a.astype(jnp.int32)
 
@@ -91,7 +91,7 @@ def native_order(cells: Array, count: int) -> tuple[Array, Array] | None:
     order, starts = (jax.ShapeDtypeStruct((n,), jnp.int32) for n in (len(cells), count + 1))
     name = register(CellOrder().module)
     called = jax.ffi.ffi_call(name, (order, starts, starts), vmap_method="sequential")
-    found = called(_int32(cells))
+    found = called(int32(cells))
     return found[0], found[1]
 
 
@@ -157,54 +157,12 @@ def native_neighbours(
     results = [jax.ShapeDtypeStruct(a, jnp.int32) for a in ((capacity, count), (count,))]
     called = jax.ffi.ffi_call(register(loop.module), results, vmap_method="sequential")
     sees, own, lane, kinds, indices, start, *home = map(
-        _int32, (among.sees, among.own, among.lane, among.kinds, among.indices, among.start, *among.home.T)
+        int32, (among.sees, among.own, among.lane, among.kinds, among.indices, among.start, *among.home.T)
     )
     # the last vector of a cell may extend beyond the last source
     of_sources = (jnp.pad(a, (0, loop.lanes)) for a in (*among.sources, kinds, indices))
     found = called(among.radius2, *among.x, sees, own, lane, *home, *of_sources, start)
     return found[0], found[1]
-
-
-def native_loop(
-    law: Callable[..., Sequence[Any]],
-    targets: Sequence[Array],
-    sources: Sequence[Array],
-    constants: Sequence[Array],
-    table: Array,
-    sums: int,
-) -> Callable[..., list[Array]] | None:
-    """Function of (table, *targets, *sources, *constants) that evaluates a law for all pairs of a table.
-
-    **Arguments**: `law`, a function of the scalars (*targets, *sources, *constants) that returns a flat list;
-    of its results the first `sums` are added up over the slots, `[N]`, and the others are stored for every
-    slot in blocks (`BlockedTable`). **Returns** None if there is no native form.
-    """
-    kinds = {np.dtype(a.dtype) for a in sources}
-    if not available() or len(kinds) != 1 or any(np.ndim(a) for a in constants):
-        return None
-    (kind,) = kinds
-    closed = jax.make_jaxpr(law)(
-        *(jax.ShapeDtypeStruct((), a.dtype) for a in (*targets, *sources, *constants))
-    )
-    if kind.kind != "f" or any(np.ndim(a) for a in closed.consts):
-        return None
-    held = [jnp.asarray(a) for a in closed.consts]
-    counts = table.shape[1], sources[0].shape[0]
-    name, row = _registered(closed, (held, targets, sources, constants), counts, sums)
-    if not name:
-        return None
-
-    def call(table: Array, *arguments: Array) -> list[Array]:
-        slots, n = table.shape
-        entries = block_count(n) * BLOCK * slots
-        shapes = [((n if k < sums else entries,), a.dtype) for k, a in enumerate(closed.out_avals)]
-        rows = (arguments[len(targets)].shape[0], row), kind
-        results = [jax.ShapeDtypeStruct(*one) for one in (*shapes, rows)]
-        called = jax.ffi.ffi_call(name, results, vmap_method="sequential")
-        found = called(_int32(table), *held, *arguments)
-        return list(found[:-1])
-
-    return call
 
 
 def blocked(table: Array) -> BlockedTable:
@@ -217,46 +175,4 @@ def blocked(table: Array) -> BlockedTable:
 
     result = jax.ShapeDtypeStruct((block_count(n) * BLOCK * slots,), jnp.int32)
     call = jax.ffi.ffi_call(register(BlockLoop().module), result, vmap_method="sequential")
-    return BlockedTable(table, call(_int32(table)))
-
-
-def native_weighted_sum(table: BlockedTable, weights: Array, f: Array) -> Callable[..., Array] | None:
-    """Function of (table, blocks, weights, f) for arguments of these types: the weighted sums of the sources'
-    field f, `[N]`. **Returns** None if there is no native form."""
-    if not available() or not table.in_blocks or weights.dtype != f.dtype:
-        return None
-    from jaxsph.core.native.functions import register
-    from jaxsph.core.native.sums import WeightedLoop
-
-    name = register(WeightedLoop(np.dtype(f.dtype)).module)
-    result = jax.ShapeDtypeStruct(table.indices.shape[1:], f.dtype)
-
-    def call(table: Array, *given: Array) -> Array:
-        del table
-        return jax.ffi.ffi_call(name, result, vmap_method="sequential")(*given)
-
-    return call
-
-
-def _registered(
-    closed: Any, arguments: tuple[Sequence[Array], ...], counts: tuple[int, int], sums: int
-) -> tuple[str, int]:
-    """Name of the native function of a law, and the length of the sources' rows.
-
-    `closed`: the law's jaxpr; `arguments`: as for `PairLoop`; `counts`: numbers of targets and of sources.
-    The name is empty if there is no native form.
-    """
-    from jaxsph.core.native.functions import register
-    from jaxsph.core.native.sums import PairLoop
-    from jaxsph.core.native.vectors import UntranslatableError, vector_bytes
-
-    held, targets, sources, constants = ([np.dtype(a.dtype) for a in of] for of in arguments)
-    results = [a.dtype for a in closed.out_avals]
-    loop = PairLoop(closed.jaxpr, held, targets, sources, constants, results[:sums], results[sums:])
-    lanes = vector_bytes() // sources[0].itemsize
-    if counts[0] < (BLOCK if loop.weights else lanes) or counts[1] < lanes:
-        return "", 0
-    try:
-        return register(lambda name: loop.module(name, lanes)), loop.row
-    except UntranslatableError:
-        return "", 0
+    return BlockedTable(table, call(int32(table)))

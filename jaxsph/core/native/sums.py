@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,96 +38,132 @@ class PairLoop(NamedTuple):
     """Pair law, with the types of its arguments and results."""
 
     jaxpr: Any
-    """The law on scalars, a function of the fields of the target and the source and of the constants."""
-    held: Sequence[np.dtype]
-    """Scalars that the jaxpr contains."""
+    """The law on scalars, a function of the fields of the target and the source, of the constants, and of the
+    values in the slot."""
     targets: Sequence[np.dtype]
     sources: Sequence[np.dtype]
-    """All fields of the sources have the same type."""
     constants: Sequence[np.dtype]
+    slots: Sequence[np.dtype]
+    """Arguments that have a value in every slot, in blocks of targets (`BlockedTable`)."""
     sums: Sequence[np.dtype]
     """Results that are added up over the slots."""
     weights: Sequence[np.dtype]
-    """Results that are stored for every slot, in blocks of targets (`BlockedTable`)."""
+    """Results that are stored for every slot, in blocks of targets."""
+    scattered: Sequence[np.dtype]
+    """Results that are added up for every source."""
+    kind: np.dtype
+    """Type of all fields of the sources and of all `scattered` results."""
 
     @property
     def row(self) -> int:
         """Number of elements in a row of the sources' fields, including unused ones at the end."""
-        return -(-len(self.sources) // TOGETHER) * TOGETHER
+        return _padded(len(self.sources))
+
+    @property
+    def scattered_row(self) -> int:
+        """Number of elements in a row of results for a source, including unused ones at the end."""
+        return _padded(len(self.scattered))
+
+    @property
+    def in_blocks(self) -> bool:
+        """Whether the loop goes through blocks of targets."""
+        return bool(self.weights or self.slots)
 
     def module(self, name: str, lanes: int) -> ir.Module:
         """Code of the loop as a function that XLA calls.
 
-        Its arguments are the table `[K, N]`, the scalars `held`, the fields of the targets `[N]` and those
-        of the sources `[M]`, and the constants; its results are the sums `[N]`, the weights in blocks,
-        and the rows `[M, row]`. M and N must be at least `lanes`, and N at least `BLOCK` with weights.
+        Its arguments are the table `[K, N]`, the fields of the targets `[N]` and those of the sources `[M]`,
+        the constants, and the values by slot; its results are the sums `[N]`, the weights in blocks, the rows
+        of the sources' fields `[M, row]` and those of the results for sources `[M, scattered_row]`. M and N
+        must be at least `lanes`, and N at least `BLOCK` if the loop goes through blocks.
         """
         module, call = begin_call(name)
         slots, targets = call.sizes(0, 2)
-        (count,) = call.sizes(1 + len(self.held) + len(self.targets), 1)
+        count = self._count(call)
         with in_parts(call, count, INDEX(PACKED)) as (part, begin, end):
             self._pack(Vectors(part.builder, lanes), part, begin, end)
-        together = BLOCK if self.weights else lanes
-        with in_parts(call, targets, part_length(call.builder, slots, together)) as (part, begin, end):
+        together = BLOCK if self.in_blocks else lanes
+        # threads must not add to the same source at the same time
+        length = targets if self.scattered else part_length(call.builder, slots, together)
+        with in_parts(call, targets, length) as (part, begin, end):
             self._sum(Vectors(part.builder, lanes), part, begin, end)
         call.finish()
         return module
 
+    def _count(self, call: Call) -> Value:
+        """Number of sources."""
+        return call.sizes(len(self.sums) + len(self.weights), 1, of="results")[0]
+
+    def _rows(self, call: Call) -> tuple[Value, Value]:
+        """Addresses of the rows of the sources' fields, and of those of the results for sources."""
+        first = len(self.sums) + len(self.weights)
+        return call.result(first), call.result(first + 1)
+
     def _pack(self, vectors: Vectors, call: Call, begin: Value, end: Value) -> None:
-        """Copies the fields of sources into rows."""
-        builder, dtype = vectors.builder, self.sources[0]
-        first = 1 + len(self.held) + len(self.targets)
+        """Copies the fields of sources into rows, and fills the rows of results with zeros."""
+        builder, dtype = vectors.builder, self.kind
+        first = 1 + len(self.targets)
         sources = [call.argument(first + k) for k in range(len(self.sources))]
-        rows, (count,) = call.result(len(self.sums) + len(self.weights)), call.sizes(first, 1)
+        (rows, scattered), count = self._rows(call), self._count(call)
         with vectors.loop(begin, end, vectors.lanes) as (group, _, _):
             at, _ = _first(builder, group, count, vectors.lanes)
             fields = [vectors.load(field, dtype, at) for field in sources]
-            fields += [vectors.constant(0, dtype)] * (self.row - len(fields))
-            for k in range(0, self.row, TOGETHER):
-                for lane, part in enumerate(vectors.rows(fields[k : k + TOGETHER])):
-                    row = builder.mul(builder.add(at, INDEX(lane)), INDEX(self.row))
-                    place = vectors.place(rows, dtype, builder.add(row, INDEX(k)))
+            for first, row in _row_parts(vectors, fields, dtype):
+                for lane, part in enumerate(row):
+                    start = builder.mul(builder.add(at, INDEX(lane)), INDEX(self.row))
+                    place = vectors.place(rows, dtype, builder.add(start, INDEX(first)))
                     builder.store(part, place, align=self._align)
+            start = builder.mul(at, INDEX(self.scattered_row))
+            for k in range(self.scattered_row):
+                place = builder.add(start, INDEX(k * vectors.lanes))
+                vectors.store(vectors.constant(0, dtype), scattered, dtype, place)
 
     @property
     def _align(self) -> int:
         """Alignment of `TOGETHER` elements of a row, bytes; at most 16."""
-        return min(TOGETHER * self.sources[0].itemsize, 16)
+        return min(TOGETHER * self.kind.itemsize, 16)
 
     def _sum(self, vectors: Vectors, call: Call, begin: Value, end: Value) -> None:
         """Computes the results for targets."""
         builder, table, lanes = vectors.builder, call.argument(0), vectors.lanes
         slots, targets = call.sizes(0, 2)
-        of_targets = 1 + len(self.held)
-        of_sources = of_targets + len(self.targets)
-        of_constants = of_sources + len(self.sources)
-        held = [vectors.spread(call.scalar(1 + k, kind)) for k, kind in enumerate(self.held)]
-        constants = [
-            vectors.spread(call.scalar(of_constants + k, kind)) for k, kind in enumerate(self.constants)
-        ]
-        fields = [call.argument(of_targets + k) for k in range(len(self.targets))]
-        (count,) = call.sizes(of_sources, 1)
-        *results, rows = (call.result(k) for k in range(len(self.sums) + len(self.weights) + 1))
-        empty = vectors.spread(builder.trunc(builder.sub(count, INDEX(1)), ir.IntType(32)))
-        if self.weights:  # the last block must be complete
+        arguments = iter(range(1, 1 + sum(map(len, self[1:5]))))
+        mine, _, fixed, by_slot = ([(next(arguments), kind) for kind in group] for group in self[1:5])
+        constants = [vectors.spread(call.scalar(k, kind)) for k, kind in fixed]
+        fields, by_slot = ([(call.argument(k), kind) for k, kind in group] for group in (mine, by_slot))
+        results = [call.result(k) for k in range(len(self.sums) + len(self.weights))]
+        rows, scattered = self._rows(call)
+        empty = vectors.spread(builder.trunc(builder.sub(self._count(call), INDEX(1)), ir.IntType(32)))
+        if self.in_blocks:  # the last block must be complete
             end = builder.and_(builder.add(end, INDEX(BLOCK - 1)), INDEX(-BLOCK))
         with vectors.loop(begin, end, lanes) as (group, _, _):
-            at, within = _first(builder, group, targets, BLOCK if self.weights else lanes)
+            at, within = _first(builder, group, targets, BLOCK if self.in_blocks else lanes)
             block = builder.add(builder.mul(builder.sub(group, within), slots), within)
-            mine = [vectors.load(a, kind, at) for a, kind in zip(fields, self.targets, strict=True)]
+            once = vectors.from_index(builder.sub(builder.sub(group, within), at))
+            mine = [vectors.load(a, kind, at) for a, kind in fields]
             zeros = [vectors.constant(0, kind) for kind in self.sums]
             with vectors.loop(INDEX(0), slots, 1, *zeros) as (slot, totals, new):
                 place = builder.add(builder.mul(slot, targets), at)
                 neighbours = vectors.intrinsic("umin", _slot(vectors, table, np.int32, place, lanes), empty)
+                in_block = builder.add(block, builder.mul(slot, INDEX(BLOCK)))
 
-                def terms(neighbours: Value = neighbours, mine: list[Value] = mine) -> list[Value]:
+                def terms(
+                    neighbours: Value = neighbours,
+                    mine: list[Value] = mine,
+                    in_block: Value = in_block,
+                    once: Value = once,
+                ) -> list[Value]:
                     theirs = self._gathered(vectors, rows, neighbours)
-                    fixed = {*held, *mine, *constants}
-                    return translated(vectors, self.jaxpr, held, [*mine, *theirs, *constants], fixed)
+                    given = [vectors.load(a, kind, in_block) for a, kind in by_slot]
+                    inputs = [*mine, *theirs, *constants, *given]
+                    found = translated(vectors, self.jaxpr, (), inputs, {*mine, *constants})
+                    kept = len(self.sums) + len(self.weights)
+                    for_sources = [builder.select(once, a, vectors.like(a, 0.0)) for a in found[kept:]]
+                    self._scatter(vectors, scattered, neighbours, for_sources)
+                    return found[:kept]
 
                 if self.weights:
                     found = terms()
-                    in_block = builder.add(block, builder.mul(slot, INDEX(BLOCK)))
                     stored = zip(found, [*self.sums, *self.weights], results, strict=True)
                     for a, kind, result in itertools.islice(stored, len(self.sums), None):
                         vectors.store(a, result, kind, in_block)
@@ -136,28 +172,52 @@ class PairLoop(NamedTuple):
                     filled = builder.icmp_unsigned("<", neighbours, empty)
                     new += _sums_where(vectors, totals, filled, terms)
             for total, kind, result in zip(totals, self.sums, results, strict=False):
-                vectors.store(total, result, kind, at)
+                vectors.store_where(once, total, result, kind, at)
 
     def _gathered(self, vectors: Vectors, rows: Value, neighbours: Value) -> list[Value]:
         """Fields of the sources with these indices."""
-        builder, dtype, lanes = vectors.builder, self.sources[0], vectors.lanes
-        elements = builder.mul(neighbours, vectors.constant(self.row, np.int32))
-        starts = [
-            builder.zext(builder.extract_element(elements, INDEX(lane)), INDEX) for lane in range(lanes)
-        ]
+        starts = _row_starts(vectors, neighbours, self.row)
         found: list[Value] = []
-        part = ir.VectorType(scalar(dtype), TOGETHER)
+        part = ir.VectorType(scalar(self.kind), TOGETHER)
         for first in range(0, self.row, TOGETHER):
-            parts = [
-                builder.load(
-                    vectors.place(rows, dtype, builder.add(start, INDEX(first))),
-                    typ=part,
-                    align=self._align,
-                )
-                for start in starts
-            ]
+            places = [self._place(vectors, rows, start, first) for start in starts]
+            parts = [vectors.builder.load(place, typ=part, align=self._align) for place in places]
             found += vectors.transposed(parts)
         return found[: len(self.sources)]
+
+    def _scatter(self, vectors: Vectors, rows: Value, neighbours: Value, values: list[Value]) -> None:
+        """Adds values to the rows of the sources with these indices, of which several may be the same."""
+        builder = vectors.builder
+        starts = _row_starts(vectors, neighbours, self.scattered_row) if values else []
+        part = ir.VectorType(scalar(self.kind), TOGETHER)
+        for first, row in _row_parts(vectors, values, self.kind):
+            for start, value in zip(starts, row, strict=True):
+                place = self._place(vectors, rows, start, first)
+                total = builder.fadd(builder.load(place, typ=part, align=self._align), value)
+                builder.store(total, place, align=self._align)
+
+    def _place(self, vectors: Vectors, rows: Value, start: Value, first: int) -> Value:
+        """Address of the element `first` of the row that begins at `start`."""
+        return vectors.place(rows, self.kind, vectors.builder.add(start, INDEX(first)))
+
+
+def _padded(count: int) -> int:
+    """Number of elements in a row of `count` fields."""
+    return -(-count // TOGETHER) * TOGETHER
+
+
+def _row_parts(vectors: Vectors, fields: list[Value], dtype: np.dtype) -> Iterator[tuple[int, list[Value]]]:
+    """First element of each part of the rows of these fields, and the part of each lane's row."""
+    padded = fields + [vectors.constant(0, dtype)] * (_padded(len(fields)) - len(fields))
+    for first in range(0, len(padded), TOGETHER):
+        yield first, vectors.rows(padded[first : first + TOGETHER])
+
+
+def _row_starts(vectors: Vectors, indices: Value, length: int) -> list[Value]:
+    """Place of the first element of the row with each lane's index."""
+    builder = vectors.builder
+    elements = builder.mul(indices, vectors.constant(length, np.int32))
+    return [builder.zext(builder.extract_element(elements, INDEX(k)), INDEX) for k in range(vectors.lanes)]
 
 
 class WeightedLoop(NamedTuple):

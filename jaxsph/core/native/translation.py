@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -34,14 +35,42 @@ def translated(
             return vectors.constant(atom.val, atom.aval.dtype)  # pyright: ignore[reportAttributeAccessIssue]
         return known[atom]
 
-    for equation in jaxpr.eqns:
+    divisors = _divisors(jaxpr)
+    repeated = {a for a, count in Counter(divisors).items() if a and count > 1}
+    inverses: dict[Any, Value] = {}
+    for equation, divisor in zip(jaxpr.eqns, divisors, strict=True):
         _check(equation)
         given = [value(atom) for atom in equation.invars]
-        found = _results(vectors, equation, given, fixed)
+        if divisor in repeated and divisor not in inverses:
+            a = value(divisor)
+            inverses[divisor] = vectors.builder.fdiv(vectors.like(a, 1.0), a)
+        found = _results(vectors, equation, given, fixed, inverses.get(divisor))
         if all(isinstance(one, ir.Constant) or one in fixed for one in given):
             fixed.update(found)
         known.update(zip(equation.outvars, found, strict=True))
     return [value(atom) for atom in jaxpr.outvars]
+
+
+def _divisors(jaxpr: Any) -> list[Any]:
+    """Variable by which each equation divides, or None.
+
+    A division takes as long as many other operations, and derivatives divide by one variable several times.
+    Then its inverse is computed once.
+    """
+    found, same = [], {}
+    for equation in jaxpr.eqns:
+        name, inputs = equation.primitive.name, equation.invars
+        if name in UNCHANGED:
+            same[equation.outvars[0]] = inputs[0]
+        divisor = None
+        if name == "integer_pow" and equation.params["y"] < 0:
+            divisor = inputs[0]
+        elif name == "div" and np.dtype(inputs[1].aval.dtype).kind == "f":
+            divisor = inputs[1]
+        while not isinstance(divisor, jex.Literal) and divisor in same:
+            divisor = same[divisor]
+        found.append(None if isinstance(divisor, jex.Literal) else divisor)
+    return found
 
 
 def _check(equation: Any) -> None:
@@ -52,8 +81,10 @@ def _check(equation: Any) -> None:
             raise UntranslatableError(f"{equation.primitive} of an array")
 
 
-def _results(vectors: Vectors, equation: Any, inputs: list[Value], fixed: set[Value]) -> list[Value]:
-    """Results of one equation of a jaxpr."""
+def _results(
+    vectors: Vectors, equation: Any, inputs: list[Value], fixed: set[Value], inverse: Value | None
+) -> list[Value]:
+    """Results of one equation of a jaxpr; `inverse`: inverse of its divisor, if it has been computed."""
     name, params = equation.primitive.name, equation.params
     inner = params.get("jaxpr", params.get("call_jaxpr"))
     if inner:  # a function within the function
@@ -68,7 +99,9 @@ def _results(vectors: Vectors, equation: Any, inputs: list[Value], fixed: set[Va
     if name == "convert_element_type":
         return [_converted(vectors, inputs[0], dtype, np.dtype(params["new_dtype"]))]
     if name == "integer_pow":
-        return [_power(vectors, inputs[0], dtype, params["y"])]
+        return [_power(vectors, inputs[0], dtype, params["y"], inverse)]
+    if name == "div" and inverse:
+        return [vectors.builder.fmul(inputs[0], inverse, flags=FUSED)]
     if name == "div" and dtype.kind == "f" and (isinstance(inputs[1], ir.Constant) or inputs[1] in fixed):
         # the inverse is computed outside the loop
         inverse = vectors.builder.fdiv(vectors.like(inputs[1], 1.0), inputs[1])
@@ -107,16 +140,17 @@ def _converted(vectors: Vectors, a: Value, old: np.dtype, new: np.dtype) -> Valu
     raise UntranslatableError(f"conversion of {old} to {new}")
 
 
-def _power(vectors: Vectors, a: Value, dtype: np.dtype, exponent: int) -> Value:
-    """Power of a vector with a constant integer exponent, by repeated squaring."""
+def _power(vectors: Vectors, a: Value, dtype: np.dtype, exponent: int, inverse: Value | None) -> Value:
+    """Power of a vector with a constant integer exponent, by repeated squaring of it or of its `inverse`."""
     if dtype.kind != "f":
         raise UntranslatableError(f"integer_pow of {dtype}")
     builder, left, found = vectors.builder, abs(exponent), vectors.constant(1, dtype)
+    a = inverse or a
     while left:
         if left & 1:
             found = builder.fmul(found, a)
         a, left = builder.fmul(a, a), left >> 1
-    return builder.fdiv(vectors.constant(1, dtype), found) if exponent < 0 else found
+    return builder.fdiv(vectors.constant(1, dtype), found) if exponent < 0 and not inverse else found
 
 
 def _fused(name: str) -> Rule:

@@ -82,6 +82,11 @@ class Vectors:
         first = self.builder.insert_element(nothing, value, INDEX(0))
         return self.shuffled(first, first, [0] * self.lanes)
 
+    def from_index(self, first: Value) -> Value:
+        """Mask of the lanes whose number is at least `first`."""
+        numbers = ir.Constant(ir.VectorType(INDEX, self.lanes), [INDEX(k) for k in range(self.lanes)])
+        return self.builder.icmp_signed(">=", numbers, self.spread(first))
+
     def shuffled(self, a: Value, b: Value, order: list[int]) -> Value:
         """Vector of the lanes of a followed by b that `order` lists."""
         mask = ir.VectorType(ir.IntType(32), len(order))
@@ -135,6 +140,17 @@ class Vectors:
     def store(self, value: Value, array: Value, dtype: Any, at: Value) -> None:
         """Stores consecutive elements of an array from the index `at` on."""
         self.builder.store(value, self.place(array, dtype, at), align=np.dtype(dtype).itemsize)
+
+    def store_where(self, mask: Value, value: Value, array: Value, dtype: Any, at: Value) -> None:
+        """Stores the elements in whose lanes a mask is true, the first lane's element at the index `at`."""
+        align, kinds = ir.IntType(32), [value.type, POINTER, ir.IntType(32), mask.type]
+        width = {"float": "f32", "double": "f64"}[str(value.type.element)]
+        module, name = self.builder.module, f"llvm.masked.store.v{self.lanes}{width}.p0"
+        function = module.globals.get(name) or ir.Function(
+            module, ir.FunctionType(ir.VoidType(), kinds), name
+        )
+        place = self.place(array, dtype, at)
+        self.builder.call(function, [value, place, align(np.dtype(dtype).itemsize), mask])
 
     def element(self, array: Value, dtype: Any, at: Value) -> Value:
         """Element of an array with the index `at`."""
