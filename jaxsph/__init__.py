@@ -117,6 +117,7 @@ _ROOMS = {
     "study.coefficients": ("coefficients",),
     "study.derivative": ("derivative",),
     "study.ensemble": ("Ensemble",),
+    "study.fast_model": ("FastModel", "calibrate"),
     "study.matrix": ("PowerMatrix", "ScatterTable", "power_matrix"),
     "study.optimise": ("Maximum", "maximise"),
     "study.over_seas": ("OverSeas",),

@@ -59,9 +59,9 @@ def linear_owc(case: Sections, lip_loss: float = 0.0) -> LinearOWC:
             f"{missing}: linear theory of an OWC needs a device with a linear or quadratic turbine, in "
             "regular waves over a flat bed"
         )
-    water = radiation_and_scattering(_chamber(Geometry.of(case)), 2.0 * np.pi / case.waves.T, case.g)
+    water = radiation_and_scattering(chamber_geometry(case), 2.0 * np.pi / case.waves.T, case.g)
     return linear_response(
-        water, case.waves.H, _turbine(case).quadratic or 0.0, case.fluid.rho0, lip_loss, air=_linear_air(case)
+        water, case.waves.H, _turbine(case).quadratic or 0.0, case.fluid.rho0, lip_loss, air=linear_air(case)
     )
 
 
@@ -86,11 +86,11 @@ def linear_sea(case: Sections) -> LinearSea:
         )
     tank = Geometry.of(case)
     a, omega = case.waves.sum_of_waves(tank.depth, case.g)
-    K_dm, air = _turbine(case).quadratic or 0.0, _linear_air(case)
-    return linear_sea_response(_chamber(tank), a, omega, K_dm, case.fluid.rho0, case.g, air)
+    K_dm, air = _turbine(case).quadratic or 0.0, linear_air(case)
+    return linear_sea_response(chamber_geometry(case), a, omega, K_dm, case.fluid.rho0, case.g, air)
 
 
-def _linear_air(case: Sections) -> LinearAir:
+def linear_air(case: Sections) -> LinearAir:
     """Resistance of a case's turbine (Pa s/m2; 0 unless linear), and compliance of the air (m2/Pa)."""
     (chamber,) = case.chambers.values()
     give = 0.0 if chamber.air is None else chamber.air.give
@@ -103,8 +103,9 @@ def _turbine(case: Sections) -> PTOSection:
     return pto
 
 
-def _chamber(tank: Geometry) -> ChamberGeometry:
-    """Geometry of the only chamber of a tank, with the depth and the draught rounded to whole spacings."""
+def chamber_geometry(case: Sections) -> ChamberGeometry:
+    """Geometry of the only chamber of a case, with the depth and the draught rounded to whole spacings."""
+    tank = Geometry.of(case)
     (stretch,) = tank.stretches.values()
     lengths = (tank.depth, stretch.surface, tank.depth - tank.plate.tip, tank.plate.thickness)
     return ChamberGeometry(*(float(np.round(length, 12)) for length in lengths))

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from jaxsph.cli import cases, coefficients, running, showing, studies
+from jaxsph.cli import calibration, cases, coefficients, running, showing, studies
 from jaxsph.output.hdf5 import version as installed_version
 
 app = typer.Typer(
@@ -40,6 +40,8 @@ _COMMANDS = {
     "sweep": studies.sweep,
     "matrix": studies.matrix,
     "coefficients": coefficients.coefficients,
+    "calibrate": calibration.calibrate,
+    "predict": calibration.predict,
     "slope": studies.slope,
     "optimise": studies.optimise,
     "resume": running.resume,

@@ -1,0 +1,97 @@
+"""A fast model of the OWC, fitted to five runs, against twelve runs that it has not seen."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.figure import Figure
+
+import jaxsph as js
+from experiments.common import RUNS, Report
+from experiments.owc_tank import study_case, swept
+from jaxsph.study.fast_model import READ
+from jaxsph.waves.fast_owc import Response
+
+UNSEEN = {
+    "waves.H": [0.02, 0.06, 0.04, 0.02, 0.06, 0.04, 0.02, 0.04, 0.06, 0.02, 0.04, 0.06],
+    "waves.T": [1.0, 1.0, 1.1, 1.2, 1.2, 1.3, 1.3, 1.4, 1.4, 1.5, 1.6, 1.6],
+    "pto.K_dm": [1000.0, 2000.0, 400.0, 300.0, 700.0, 150.0, 1500.0, 600.0, 150.0, 800.0, 2000.0, 400.0],
+}
+"""Height (m) and period (s) of the waves and damping K_dm of the runs that the model predicts."""
+LABELS = {"xi": "xi over the measured incident wave", "P_a": "amplitude of the pressure", "flow": "flow"}
+BAR = 5.0
+"""Largest mean error of the model's predictions, %."""
+CALLS = 200
+"""Number of answers whose time is measured."""
+
+
+def main(dx: float = 0.01) -> None:
+    """Calibrates the model, or continues, and compares its predictions with the unseen runs."""
+    RUNS.mkdir(exist_ok=True)
+    case = study_case(dx)
+    with Report("fast_owc", "Fast model of the OWC against runs that it has not seen", dx) as report:
+        model = js.calibrate(case, RUNS / f"fast_owc_{dx:g}.json")
+        unseen = swept(case, UNSEEN, f"fast_owc_unseen_{dx:g}", grid=False)
+        added, error = model.added, model.added_error
+        report.row("loss coefficient of the lip", added.lip)
+        report.row("loss coefficient of the lip: standard error", error.lip)
+        report.row("additional length of the column, in draughts", added.length)
+        report.row("additional length of the column: standard error", error.length)
+        changes = {key: jnp.asarray(values) for key, values in UNSEEN.items()}
+        changes |= {"waves.H": jnp.asarray(unseen["incident_height"])}
+        found = jax.vmap(model.response)(changes)
+        theory = jax.vmap(_linear(model).response)(changes)
+        for name, of in READ.items():
+            off, without = (
+                100.0 * (np.asarray(getattr(a, name)) / unseen[of] - 1.0) for a in (found, theory)
+            )
+            mean, label = float(np.sqrt(np.mean(off**2))), LABELS[name]
+            report.row(
+                f"{label}: error of the model, root mean square of twelve runs",
+                mean,
+                "%",
+                bar=f"at most {BAR:g}",
+                passes=mean <= BAR,
+            )
+            report.row(f"{label}: largest error of the model", float(np.abs(off).max()), "%")
+            report.row(f"{label}: error that the model states", 100.0 * model.error[name], "%")
+            report.row(f"{label}: error of linear theory", float(np.sqrt(np.mean(without**2))), "%")
+            report.row(f"{label}: largest error of linear theory", float(np.abs(without).max()), "%")
+        answer = _time_of_an_answer(model)
+        report.row("time of an answer", answer, "ms", bar="at most 5", passes=answer <= 5.0)
+        report.picture(_picture(unseen, found, theory))
+
+
+def _linear(model: js.FastModel) -> js.FastModel:
+    """The same model without loss and inertia, which is linear theory."""
+    return dataclasses.replace(model, added=type(model.added)())
+
+
+def _time_of_an_answer(model: js.FastModel) -> float:
+    """Wall time of one response, ms, after the first."""
+    answer = jax.jit(lambda K_dm: model.response({"pto.K_dm": K_dm}).xi)
+    jax.block_until_ready(answer(500.0))
+    began = time.perf_counter()
+    for k in range(CALLS):
+        jax.block_until_ready(answer(500.0 + k))
+    return 1e3 * (time.perf_counter() - began) / CALLS
+
+
+def _picture(unseen: js.Sweep, found: Response, theory: Response) -> Figure:
+    figure = Figure(figsize=(9, 3.2), layout="constrained")
+    units = {"xi": "", "P_a": "Pa", "flow": "m2/s"}
+    for axis, (name, of) in zip(figure.subplots(1, len(READ)), READ.items(), strict=True):
+        here = unseen[of]
+        most = 1.1 * float(np.max(here))
+        axis.plot([0.0, most], [0.0, most], color="0.7", lw=1)
+        axis.plot(here, np.asarray(getattr(theory, name)), "x", color="tab:orange", label="linear theory")
+        axis.plot(here, np.asarray(getattr(found, name)), "o", color="tab:blue", label="fast model", ms=4)
+        unit = f", {units[name]}" if units[name] else ""
+        axis.set(title=LABELS[name] + unit, xlabel="run", ylabel="prediction")
+        axis.title.set_fontsize("small")
+    axis.legend(fontsize="small")
+    return figure

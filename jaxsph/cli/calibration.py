@@ -1,0 +1,166 @@
+"""Commands for fast models: `jaxsph calibrate` and `jaxsph predict`."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from jaxsph.cli.arguments import CaseName, Quick, Quiet, Settings, each_once, load, values_of
+from jaxsph.cli.studies import announce
+from jaxsph.cli.terminal import INTERRUPTED, messages, print_notes, print_table
+from jaxsph.errors import CaseError, FileError
+
+NAMES = {
+    "xi": ("hydrodynamic efficiency", ""),
+    "P_owc": ("absorbed power", "W per metre of width"),
+    "P_a": ("amplitude of the air's pressure", "Pa"),
+    "flow": ("amplitude of the flow of air", "m2/s"),
+}
+"""Results of a fast model that the commands print, with their units."""
+POWER = "xi"
+"""Result whose relative error is that of the absorbed power too."""
+MOST = 40
+"""Largest number of predictions that are printed; more are only written to a file."""
+
+
+def calibrate(
+    case: CaseName,
+    settings: Settings = None,
+    quick: Quick = False,
+    runs: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--runs",
+            metavar="KEY=VALUES",
+            help="Values of waves.H, waves.T or pto.K_dm, one per run; all lists must be equally long. "
+            "Default: five runs around the case. Repeatable.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="File; default: runs/<name of the case>_model.json"),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Number of runs at a time; default: one per core.")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Fit a fast model of an oscillating water column to a few runs; repeated, continue."""
+    import jaxsph as js
+    from jaxsph.study.fast_model import check, members_around, runs_of
+
+    with messages(INTERRUPTED):
+        loaded = load(case, settings, quick)
+        over = each_once((values_of(text, "--runs") for text in runs or ()), "--runs")
+        check(loaded, over)
+        over = over or members_around(loaded)
+        out = out if out is not None else Path("runs") / f"{loaded.name}_model.json"
+        out.parent.mkdir(parents=True, exist_ok=True)
+        if not quiet:
+            announce(loaded, runs_of(out), len(next(iter(over.values()))), workers, None)
+        model = js.calibrate(loaded, out, over=over, workers=workers, progress=not quiet)
+        if not quiet:
+            print_table(_summary(model))
+        typer.echo(f"recorded in {out}")
+
+
+def _summary(model: Any) -> list[tuple[str, str]]:
+    """Labels and values: what was found, and how well the model predicts each run that was left out."""
+    added, error = model.added, model.added_error
+    rows = [
+        ("loss coefficient of the lip", f"{added.lip:.3g} +- {error.lip:.2g} velocity heads of the column"),
+        ("additional length of the column", f"{added.length:.3g} +- {error.length:.2g} draughts"),
+        ("predictions of runs that were left out", ""),
+    ]
+    for one in model.runs:
+        text = ", ".join(
+            f"{name} {one.left_out[name]:.3g} (run {one.results[name]:.3g})" for name in one.results
+        )
+        rows.append(("  " + ", ".join(f"{key} = {value:g}" for key, value in one.changes.items()), text))
+    errors = ", ".join(f"{name} {value:.1%}" for name, value in model.error.items())
+    return [*rows, ("error of such a prediction", errors)]
+
+
+def predict(
+    model: Annotated[Path, typer.Argument(metavar="MODEL", help="File of a fast model.", show_default=False)],
+    grid: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--grid",
+            metavar="KEY=VALUES",
+            help="Values of one parameter: KEY=0.02,0.04 or KEY=first:last:count. Repeatable.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE", help="CSV file for all predictions.")
+    ] = None,
+) -> None:
+    """Predict efficiency, power, pressure and flow with a fast model, for every combination of values."""
+    import jax
+    import jax.numpy as jnp
+    import numpy as np
+
+    from jaxsph.study.fast_model import FastModel
+
+    with messages(INTERRUPTED):
+        fast = FastModel.read(model)
+        over = each_once((values_of(text) for text in grid or ()), "--grid")
+        members = list(itertools.product(*over.values()))
+        if len(members) > MOST and out is None:
+            raise CaseError(f"--grid: {len(members)} predictions; give --out FILE to write more than {MOST}")
+        changes = {
+            key: jnp.asarray(values, float)
+            for key, values in zip(over, zip(*members, strict=True), strict=True)
+        }
+        found = jax.vmap(fast.response)(changes) if over else jax.tree.map(lambda a: a[None], fast.response())
+        values = {name: np.asarray(getattr(found, name)) for name in NAMES}
+        if out is not None:
+            _write(out, over, members, values)
+        if len(members) <= MOST:
+            print_table(_predictions(fast, over, members, values))
+        print_notes(_doubts(members, values))
+        if out is not None:
+            typer.echo(f"recorded in {out}")
+
+
+def _predictions(fast: Any, over: Any, members: list[Any], values: Any) -> list[tuple[str, str]]:
+    """Labels and values of predictions, with their errors."""
+    rows = []
+    for k, member in enumerate(members):
+        label = ", ".join(f"{key} = {value:g}" for key, value in zip(over, member, strict=True))
+        texts = []
+        for name, (_, unit) in NAMES.items():
+            value = values[name][k]
+            error = fast.error[name if name in fast.error else POWER] * value
+            texts.append(f"{name} = {value:.4g} +- {error:.2g} {unit}".rstrip())
+        rows.append((label or "the case", "; ".join(texts)))
+    return rows
+
+
+def _doubts(members: list[Any], values: Any) -> list[str]:
+    """Note on predictions that the model does not make."""
+    missing = sum(not value == value for value in values["xi"])
+    if not missing:
+        return []
+    return [
+        f"{missing} of {len(members)} predictions are nan: the period, or a length of the device, is outside "
+        "the range of the model"
+    ]
+
+
+def _write(out: Path, over: Any, members: list[Any], values: Any) -> None:
+    """Writes predictions to a CSV file. **Raises** FileError if it cannot be written."""
+    try:
+        with out.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(
+                [*over, *(f"{name} ({unit})" if unit else name for name, (_, unit) in NAMES.items())]
+            )
+            for k, member in enumerate(members):
+                writer.writerow([*member, *(f"{values[name][k]:.6g}" for name in NAMES)])
+    except OSError as error:
+        raise FileError(f"{out}: the predictions cannot be written: {error.strerror}") from None

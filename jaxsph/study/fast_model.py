@@ -1,0 +1,288 @@
+"""`calibrate` and `FastModel`: a model of a case's oscillating water column that answers in a millisecond.
+
+The model is linear theory with what the theory lacks, a loss at the lip and inertia of the column
+(`waves.fast_owc`). Both are found from a few runs of the water. The model's error is that of its predictions
+for runs that were left out of the fit.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy  # which imports its subpackages on first use
+from jaxtyping import ArrayLike
+
+from jaxsph.case.case import Case
+from jaxsph.case.linear import chamber_geometry, linear_air, why_no_theory
+from jaxsph.errors import CaseError, FileError
+from jaxsph.problem.results import amplitude
+from jaxsph.study.sweep import Sweep, sweep
+from jaxsph.waves.fast_owc import (
+    SHARE,
+    Additions,
+    Air,
+    Response,
+    WaterSeries,
+    fast_response,
+)
+
+KEYS = {
+    "waves.H": "H",
+    "waves.T": "T",
+    "pto.K_dm": "K_dm",
+    "device.draught": "draught",
+    "device.chamber_length": "length",
+    "device.wall_thickness": "thickness",
+}
+"""Parameters of a case that a model can change, with their names in `waves.fast_owc`."""
+VARIED = {
+    "waves.H": (1.0, 1.0, 1.5, 0.75, 1.25),
+    "waves.T": (1.0, 5 / 6, 7 / 6, 4 / 3, 1.0),
+    "pto.K_dm": (1.0, 0.5, 0.5, 2.0, 3.0),
+}
+"""Factors of the case's height, period and damping in the runs of a calibration (-)."""
+READ = {"xi": "xi_measured", "P_a": amplitude("P_a"), "flow": amplitude("flow")}
+"""Results of a run that a model predicts, by the names in `Response`."""
+LEAST = 4
+"""Least number of runs, so that each can be left out of a fit of two values."""
+PERIODS = (0.6, 1.7)
+"""Range of wave periods of a model, relative to the shortest and longest of its runs (-)."""
+
+
+class Predicted(NamedTuple):
+    """A run and the model's predictions for it."""
+
+    changes: dict[str, float]
+    """Parameters of the run."""
+    H: float
+    """Measured height of the incident waves, m."""
+    results: dict[str, float]
+    """Results of the run, by the names in `READ`."""
+    left_out: dict[str, float]
+    """The same results by a model that was fitted to the other runs."""
+
+
+@dataclass(frozen=True)
+class FastModel:
+    """Model of a case's oscillating water column in regular waves, in JAX: linear theory with a loss at the
+    lip and inertia of the column, which were found from runs."""
+
+    case: Case
+    water: WaterSeries
+    """Response of the water in linear theory."""
+    added: Additions
+    """Loss and inertia that were found."""
+    added_error: Additions
+    """Their standard errors."""
+    runs: tuple[Predicted, ...]
+    """Runs to which the model was fitted."""
+
+    def response(self, changes: Mapping[str, ArrayLike] = {}) -> Response:
+        """Efficiency, powers, flow, pressure and level in regular waves, per metre of width.
+
+        `changes`: parameters that differ from those of the case, by the names in `KEYS`. Their values may be
+        traced: a response can be vectorised by `jax.vmap` and differentiated by `jax.grad`. Results are NaN
+        for periods, and for lengths of the device, outside the range of the model. **Raises** CaseError for
+        another parameter.
+        """
+        for key in changes:
+            if key not in KEYS:
+                raise CaseError(
+                    f"{key}: a fast model cannot change this parameter; use one of {', '.join(KEYS)}"
+                )
+        values = {KEYS[key]: jnp.asarray(value, float) for key, value in changes.items()}
+        H, T = (values.pop(name, getattr(self.case.waves, name)) for name in ("H", "T"))
+        (pto,), linear = self.case.turbines, linear_air(self.case)
+        air = Air(values.pop("K_dm", pto.quadratic or 0.0), linear.resistance, linear.give)
+        found = fast_response(self.water, self.added, air, H, T, values, self.case.fluid.rho0)
+        within = self._within(T, values)
+        return jax.tree.map(lambda a: jnp.where(within, a, jnp.nan), found)
+
+    def _within(self, T: ArrayLike, lengths: Mapping[str, ArrayLike]) -> jax.Array:
+        """Whether a period and lengths are in the range of the model."""
+        low, high = self.water.omega
+        omega = 2.0 * jnp.pi / jnp.asarray(T, float)
+        found = (omega >= low) & (omega <= high)
+        for name, value in lengths.items():
+            usual = getattr(self.water.geometry, name)
+            found &= jnp.abs(jnp.asarray(value) - usual) <= 2.0 * SHARE * usual
+        return found
+
+    @property
+    def error(self) -> dict[str, float]:
+        """Relative error of the model's predictions for runs that were left out (root of the mean square),
+        by the names of the results in a `Response` (-)."""
+        return {
+            name: float(
+                np.sqrt(np.mean([(one.left_out[name] / one.results[name] - 1.0) ** 2 for one in self.runs]))
+            )
+            for name in READ
+        }
+
+    def write(self, path: str | Path) -> None:
+        """Writes the model to a file (JSON). **Raises** FileError if it cannot be written."""
+        content = {
+            "case": self.case.given(),
+            "added": self.added._asdict(),
+            "added_error": self.added_error._asdict(),
+            "error": self.error,
+            "runs": [one._asdict() for one in self.runs],
+            "omega": self.water.omega,
+            "water": np.asarray(self.water.coefficients, float).tolist(),
+        }
+        try:
+            Path(path).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise FileError(f"{path}: the model cannot be written: {error.strerror}") from None
+
+    @classmethod
+    def read(cls, path: str | Path) -> FastModel:
+        """Model from its file. **Raises** FileError if the file is none of a model."""
+        try:
+            content = json.loads(Path(path).read_text(encoding="utf-8"))
+            case = Case.from_dict(content["case"])
+            coefficients = jnp.asarray(np.asarray(content["water"]), jnp.float32)
+            water = WaterSeries(coefficients, tuple(content["omega"]), chamber_geometry(case), case.g)
+            added, error = (Additions(**content[name]) for name in ("added", "added_error"))
+            return cls(case, water, added, error, tuple(Predicted(**one) for one in content["runs"]))
+        except OSError as error:
+            raise FileError(f"{path}: {error.strerror}") from None
+        except (ValueError, KeyError, TypeError) as error:
+            raise FileError(f"{path} is no file of a fast model ({type(error).__name__}: {error})") from None
+
+
+def calibrate(
+    case: Case,
+    out: str | Path,
+    *,
+    over: Mapping[str, Sequence[float]] | None = None,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    progress: bool = True,
+) -> FastModel:
+    """Fast model of a case's oscillating water column, from a few runs of the case.
+
+    **Arguments**: `out`: file of the model; the runs are stored beside it, in `<name>_runs.h5`, from which a
+    repeated call continues; `over`: parameters of the runs, lists of equal length by the names in `KEYS` for
+    waves and damping; by default five runs around the case (`VARIED`); `workers`, `executor`: see `sweep`.
+    **Raises** CaseError, before any run, for a case that linear theory of an oscillating water column does
+    not cover; CaseError if fewer than four runs succeed; FileError as `sweep`.
+    """
+    path, over = Path(out).resolve(), over if over is not None else members_around(case)
+    check(case, over)
+    runs = sweep(case, over, runs_of(path), grid=False, workers=workers, executor=executor, progress=progress)
+    model = fitted(case, runs)
+    model.write(path)
+    return model
+
+
+def members_around(case: Case) -> dict[str, list[float]]:
+    """Parameters of the runs by which a case is calibrated, lists of equal length by name."""
+    check(case, {})
+    return {key: [case.value(key) * factor for factor in factors] for key, factors in VARIED.items()}
+
+
+def runs_of(path: Path) -> Path:
+    """File of the runs of a model with this file."""
+    return path.with_name(f"{path.stem}_runs.h5")
+
+
+def check(case: Case, over: Mapping[str, Sequence[float]]) -> None:
+    """**Raises** CaseError if a case or the parameters of its runs do not suit a calibration."""
+    if not isinstance(case, Case):
+        raise CaseError("a fast model needs a case, and this is a program")
+    if case.device is None or case.waves is None or case.waves.kind != "regular" or not case.turbines:
+        raise CaseError("a fast model needs a device with a turbine in regular waves")
+    if missing := why_no_theory(case):
+        raise CaseError(f"{missing}: a fast model needs linear theory of the oscillating water column")
+    for key, values in over.items():
+        if key not in VARIED:
+            raise CaseError(f"{key}: the runs of a calibration differ in {', '.join(VARIED)} only")
+        if len(values) < LEAST:
+            raise CaseError(f"{key}: a calibration needs {LEAST} runs or more, not {len(values)}")
+
+
+def fitted(case: Case, runs: Sweep) -> FastModel:
+    """Model of a case, fitted to runs. **Raises** CaseError if fewer than `LEAST` runs succeeded."""
+    found = [_read(runs, k) for k in range(len(runs["xi"])) if (k,) not in runs.failures]
+    if len(found) < LEAST:
+        texts = "; ".join(f"{runs.words(k)}: {text}" for k, text in runs.failures.items())
+        raise CaseError(f"only {len(found)} runs succeeded, and {LEAST} are needed. {texts}")
+    T = [one.changes.get("waves.T", case.waves.T) for one in found]
+    reach = PERIODS[0] * min(T), PERIODS[1] * max(T)
+    water = WaterSeries.of(chamber_geometry(case), reach, case.g)
+    nothing = FastModel(case, water, Additions(), Additions(), ())
+    added, error = _fit(nothing, found)
+    predicted = []
+    for k, one in enumerate(found):
+        others, _ = _fit(nothing, found[:k] + found[k + 1 :])
+        predicted.append(one._replace(left_out=_predicted(nothing, others, [one])[0]))
+    return FastModel(case, water, added, error, tuple(predicted))
+
+
+def _read(runs: Sweep, k: int) -> Predicted:
+    """Parameters and results of a run, without predictions.
+
+    **Raises** CaseError if its waves were not measured or have not settled.
+    """
+    missing = [of for of in ("incident_height", *READ.values()) if not np.isfinite(_result(runs, of, k))]
+    if missing:
+        raise CaseError(
+            f"the run with {runs.words((k,))} has no {' and no '.join(missing)}: a fast model needs gauges "
+            "(probes.gauges) that measure the incident waves, and t1 long enough for settled periods"
+        )
+    results = {name: _result(runs, of, k) for name, of in READ.items()}
+    return Predicted(runs.at((k,)), _result(runs, "incident_height", k), results, {})
+
+
+def _result(runs: Sweep, name: str, k: int) -> float:
+    """Result of a run; NaN if no run has it."""
+    return float(runs.results[name][k]) if name in runs.results else np.nan
+
+
+def _fit(model: FastModel, runs: Sequence[Predicted]) -> tuple[Additions, Additions]:
+    """Loss and inertia with which a model fits runs best, and their standard errors.
+
+    The sum of the squares of the results' relative errors is the least. The standard errors follow from the
+    scatter of these errors.
+    """
+    usual = np.array([[one.results[name] for name in READ] for one in runs])
+
+    @jax.jit
+    def residuals(x: jax.Array) -> jax.Array:
+        found = _responses(model, Additions(x[0], x[1]), runs)
+        return jnp.ravel(jnp.stack([jnp.asarray(getattr(found, name)) for name in READ], 1) / usual - 1.0)
+
+    slopes = jax.jit(jax.jacfwd(residuals))
+    best = scipy.optimize.least_squares(
+        lambda x: np.asarray(residuals(jnp.asarray(x)), float),
+        [1.0, 0.0],
+        lambda x: np.asarray(slopes(jnp.asarray(x)), float),
+        bounds=([0.0, -0.5], [np.inf, 2.0]),
+        x_scale=[1.0, 0.1],
+    )
+    freedom = best.fun.size - best.x.size
+    covariance = np.linalg.pinv(best.jac.T @ best.jac) * (2.0 * best.cost / freedom)
+    return Additions(*map(float, best.x)), Additions(*map(float, np.sqrt(np.diag(covariance))))
+
+
+def _responses(model: FastModel, added: Additions, runs: Sequence[Predicted]) -> Response:
+    """Responses in the measured waves of runs, of a model with this loss and inertia, `[R]`."""
+    changes = {key: jnp.asarray([one.changes[key] for one in runs]) for key in runs[0].changes}
+    changes |= {"waves.H": jnp.asarray([one.H for one in runs])}
+    changed = FastModel(model.case, model.water, added, model.added_error, ())
+    return jax.vmap(changed.response)(changes)
+
+
+def _predicted(model: FastModel, added: Additions, runs: Sequence[Predicted]) -> list[dict[str, float]]:
+    """Results of runs by a model with this loss and inertia."""
+    found = _responses(model, added, runs)
+    return [{name: float(getattr(found, name)[k]) for name in READ} for k in range(len(runs))]
