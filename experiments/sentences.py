@@ -27,6 +27,9 @@ ROOT = Path(__file__).parents[1]
 README, TUTORIAL = "README.md", "docs/tutorial.md"
 METHOD, MEASURED = "docs/method.md", "docs/measurements.md"
 WAVES, SLOPES = "docs/how-to/own-waves.md", "docs/how-to/slopes.md"
+FAST = "docs/how-to/fast-models.md"
+FOUND = "loss coefficient of the lip", "additional length of the column, in draughts"
+"""Rows of the values that a fast model finds."""
 ISPH, WCSPH = "docs/theory/incompressible.md", "docs/theory/weakly-compressible.md"
 
 PROSE = (
@@ -385,6 +388,32 @@ PROSE = (
         (WAVES,),
     ),
     Sentence(
+        "errors are {:.1f} % of the efficiency, {:.1f} % of the pressure and {:.1f} % of the flow",
+        lambda r: tuple(
+            r("fast_owc_0.01", f"{name}: error of the model, root mean square of twelve runs")
+            for name in ("xi over the measured incident wave", "amplitude of the pressure", "flow")
+        ),
+        (FAST,),
+    ),
+    Sentence(
+        "those\nof linear theory {:.0f}, {:.0f} and {:.0f} %",
+        lambda r: tuple(
+            r("fast_owc_0.01", f"{name}: error of linear theory")
+            for name in ("xi over the measured incident wave", "amplitude of the pressure", "flow")
+        ),
+        (FAST,),
+    ),
+    Sentence(
+        "The loss coefficient is {:.1f}, and the additional length {:.2f} draughts",
+        lambda r: tuple(r("fast_owc_0.01", name) for name in FOUND),
+        (FAST,),
+    ),
+    Sentence(
+        "at twice the spacing they are {:.1f} and {:.2f}",
+        lambda r: tuple(r("fast_owc_0.02", name) for name in FOUND),
+        (FAST,),
+    ),
+    Sentence(
         "| the derivative through one run, with tangents smoothed during the run | {:.1f} times one run",
         lambda r: (r("bench_slopes", "value and slope, filtered: time over that of the run"),),
         (SLOPES,),
@@ -395,6 +424,14 @@ PROSE = (
             r("bench_slopes", "value and slope, exact: time over that of the run"),
             r("bench_slopes", "reverse mode of one wave period: time over that of the run"),
             r("bench_slopes", "reverse mode of one wave period: memory"),
+        ),
+        (SLOPES,),
+    ),
+    Sentence(
+        "a filtered slope costs {:.1f}\ntimes one run, in reverse mode {:.1f} times",
+        lambda r: (
+            r("bench_slopes_incompressible", "value and slope, filtered: time over that of the run"),
+            r("bench_slopes_incompressible", "reverse mode of one wave period: time over that of the run"),
         ),
         (SLOPES,),
     ),

@@ -7,8 +7,9 @@ for runs that were left out of the fit.
 
 from __future__ import annotations
 
+import dataclasses
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy  # which imports its subpackages on first use
 from jaxtyping import ArrayLike
+from numpy.typing import NDArray
 
 from jaxsph.case.case import Case
 from jaxsph.case.linear import chamber_geometry, linear_air, why_no_theory
@@ -45,16 +47,17 @@ KEYS = {
 """Parameters of a case that a model can change, with their names in `waves.fast_owc`."""
 VARIED = {
     "waves.H": (1.0, 1.0, 1.5, 0.75, 1.25),
-    "waves.T": (1.0, 5 / 6, 7 / 6, 4 / 3, 1.0),
-    "pto.K_dm": (1.0, 0.5, 0.5, 2.0, 3.0),
+    "waves.T": (1.0, 5 / 6, 7 / 6, 4 / 3, 11 / 12),
+    "pto.K_dm": (1.0, 0.5, 0.5, 2.0, 0.75),
 }
-"""Factors of the case's height, period and damping in the runs of a calibration (-)."""
+"""Factors of the case's height, period and damping in the runs of a calibration (-). Short waves and small
+dampings, at which the loss and the inertia change the response most, occur more than once."""
 READ = {"xi": "xi_measured", "P_a": amplitude("P_a"), "flow": amplitude("flow")}
 """Results of a run that a model predicts, by the names in `Response`."""
 LEAST = 4
 """Least number of runs, so that each can be left out of a fit of two values."""
 PERIODS = (0.6, 1.7)
-"""Range of wave periods of a model, relative to the shortest and longest of its runs (-)."""
+"""Range of wave periods of a model, relative to the shortest and the longest period of interest (-)."""
 
 
 class Predicted(NamedTuple):
@@ -84,6 +87,20 @@ class FastModel:
     """Their standard errors."""
     runs: tuple[Predicted, ...]
     """Runs to which the model was fitted."""
+
+    @classmethod
+    def of_theory(cls, case: Case, periods: tuple[float, float] | None = None) -> FastModel:
+        """Model of a case without loss and inertia, which is linear theory.
+
+        `periods`: shortest and longest wave period of interest, s; by default that of the case. The range of
+        the model is wider by the factors in `PERIODS`. **Raises** CaseError for a case without linear theory
+        of an oscillating water column.
+        """
+        check(case, {})
+        low, high = periods or 2 * (case.value("waves.T"),)
+        reach = PERIODS[0] * low, PERIODS[1] * high
+        water = WaterSeries.of(chamber_geometry(case), reach, case.g)
+        return cls(case, water, Additions(), Additions(), ())
 
     def response(self, changes: Mapping[str, ArrayLike] = {}) -> Response:
         """Efficiency, powers, flow, pressure and level in regular waves, per metre of width.
@@ -119,7 +136,9 @@ class FastModel:
     @property
     def error(self) -> dict[str, float]:
         """Relative error of the model's predictions for runs that were left out (root of the mean square),
-        by the names of the results in a `Response` (-)."""
+        by the names of the results in a `Response` (-); NaN without runs."""
+        if not self.runs:
+            return dict.fromkeys(READ, float("nan"))
         return {
             name: float(
                 np.sqrt(np.mean([(one.left_out[name] / one.results[name] - 1.0) ** 2 for one in self.runs]))
@@ -216,16 +235,17 @@ def fitted(case: Case, runs: Sweep) -> FastModel:
     if len(found) < LEAST:
         texts = "; ".join(f"{runs.words(k)}: {text}" for k, text in runs.failures.items())
         raise CaseError(f"only {len(found)} runs succeeded, and {LEAST} are needed. {texts}")
-    T = [one.changes.get("waves.T", case.waves.T) for one in found]
-    reach = PERIODS[0] * min(T), PERIODS[1] * max(T)
-    water = WaterSeries.of(chamber_geometry(case), reach, case.g)
-    nothing = FastModel(case, water, Additions(), Additions(), ())
-    added, error = _fit(nothing, found)
+    T = [({"waves.T": case.value("waves.T")} | one.changes)["waves.T"] for one in found]
+    theory = FastModel.of_theory(case, (min(T), max(T)))
+    fit = _Fit(theory)
+    added, error = fit.to(found)
     predicted = []
     for k, one in enumerate(found):
-        others, _ = _fit(nothing, found[:k] + found[k + 1 :])
-        predicted.append(one._replace(left_out=_predicted(nothing, others, [one])[0]))
-    return FastModel(case, water, added, error, tuple(predicted))
+        others, _ = fit.to(found[:k] + found[k + 1 :])
+        at = fit.responses(others, _changes([one]))
+        left_out = {name: float(getattr(at, name)[0]) for name in READ}
+        predicted.append(one._replace(left_out=left_out))
+    return dataclasses.replace(theory, added=added, added_error=error, runs=tuple(predicted))
 
 
 def _read(runs: Sweep, k: int) -> Predicted:
@@ -248,41 +268,48 @@ def _result(runs: Sweep, name: str, k: int) -> float:
     return float(runs.results[name][k]) if name in runs.results else np.nan
 
 
-def _fit(model: FastModel, runs: Sequence[Predicted]) -> tuple[Additions, Additions]:
-    """Loss and inertia with which a model fits runs best, and their standard errors.
+class _Fit:
+    """Fits of a model's loss and inertia to runs, which share compiled functions."""
 
-    The sum of the squares of the results' relative errors is the least. The standard errors follow from the
-    scatter of these errors.
-    """
-    usual = np.array([[one.results[name] for name in READ] for one in runs])
+    def __init__(self, model: FastModel) -> None:
+        """Fits of the loss and inertia of `model`, in which they are zero."""
 
-    @jax.jit
-    def residuals(x: jax.Array) -> jax.Array:
-        found = _responses(model, Additions(x[0], x[1]), runs)
-        return jnp.ravel(jnp.stack([jnp.asarray(getattr(found, name)) for name in READ], 1) / usual - 1.0)
+        def responses(added: Additions, changes: dict[str, jax.Array]) -> Response:
+            return jax.vmap(dataclasses.replace(model, added=added).response)(changes)
 
-    slopes = jax.jit(jax.jacfwd(residuals))
-    best = scipy.optimize.least_squares(
-        lambda x: np.asarray(residuals(jnp.asarray(x)), float),
-        [1.0, 0.0],
-        lambda x: np.asarray(slopes(jnp.asarray(x)), float),
-        bounds=([0.0, -0.5], [np.inf, 2.0]),
-        x_scale=[1.0, 0.1],
-    )
-    freedom = best.fun.size - best.x.size
-    covariance = np.linalg.pinv(best.jac.T @ best.jac) * (2.0 * best.cost / freedom)
-    return Additions(*map(float, best.x)), Additions(*map(float, np.sqrt(np.diag(covariance))))
+        def residuals(x: jax.Array, changes: dict[str, jax.Array], usual: jax.Array) -> jax.Array:
+            found = responses(Additions(x[0], x[1]), changes)
+            return jnp.ravel(jnp.stack([getattr(found, name) for name in READ], 1) / usual - 1.0)
+
+        self.responses = jax.jit(responses)
+        """Responses of a model with this loss and inertia to the changes of several runs, `[R]`."""
+        self._residuals, self._slopes = jax.jit(residuals), jax.jit(jax.jacfwd(residuals))
+
+    def to(self, runs: Sequence[Predicted]) -> tuple[Additions, Additions]:
+        """Loss and inertia that fit runs best, and their standard errors.
+
+        The sum of the squares of the results' relative errors is the least. The standard errors follow from
+        the scatter of these errors.
+        """
+        changes = _changes(runs)
+        usual = jnp.asarray([[one.results[name] for name in READ] for one in runs])
+
+        def of(function: Callable[..., jax.Array]) -> Callable[[NDArray], NDArray]:
+            return lambda x: np.asarray(function(jnp.asarray(x), changes, usual), float)
+
+        best = scipy.optimize.least_squares(
+            of(self._residuals),
+            [1.0, 0.0],
+            of(self._slopes),
+            bounds=([0.0, -0.5], [np.inf, 2.0]),
+            x_scale=[1.0, 0.1],
+        )
+        freedom = best.fun.size - best.x.size
+        covariance = np.linalg.pinv(best.jac.T @ best.jac) * (2.0 * best.cost / freedom)
+        return Additions(*map(float, best.x)), Additions(*map(float, np.sqrt(np.diag(covariance))))
 
 
-def _responses(model: FastModel, added: Additions, runs: Sequence[Predicted]) -> Response:
-    """Responses in the measured waves of runs, of a model with this loss and inertia, `[R]`."""
-    changes = {key: jnp.asarray([one.changes[key] for one in runs]) for key in runs[0].changes}
-    changes |= {"waves.H": jnp.asarray([one.H for one in runs])}
-    changed = FastModel(model.case, model.water, added, model.added_error, ())
-    return jax.vmap(changed.response)(changes)
-
-
-def _predicted(model: FastModel, added: Additions, runs: Sequence[Predicted]) -> list[dict[str, float]]:
-    """Results of runs by a model with this loss and inertia."""
-    found = _responses(model, added, runs)
-    return [{name: float(getattr(found, name)[k]) for name in READ} for k in range(len(runs))]
+def _changes(runs: Sequence[Predicted]) -> dict[str, jax.Array]:
+    """Parameters of runs, with the measured heights of their waves."""
+    found = {key: jnp.asarray([one.changes[key] for one in runs]) for key in runs[0].changes}
+    return found | {"waves.H": jnp.asarray([one.H for one in runs])}

@@ -104,9 +104,9 @@ def _responses(geometry: ChamberGeometry, omega: np.ndarray, g: float) -> np.nda
 class Additions(NamedTuple):
     """What linear theory of a column lacks; with zeros the model is linear theory."""
 
-    lip: ArrayLike = 0.0
+    lip: Scalar | float = 0.0
     """Coefficient zeta of the head lost at the lip, referred to the column's velocity (-)."""
-    length: ArrayLike = 0.0
+    length: Scalar | float = 0.0
     """Additional length of the column, relative to the draught (-)."""
 
 
@@ -157,12 +157,13 @@ def fast_response(
     """
     omega, g = 2.0 * jnp.pi / T, water.g
     q_R, q_S = water.at(omega, lengths)
-    b, a = (lengths.get(name, getattr(water.geometry, name)) for name in ("length", "draught"))
+    usual = {name: getattr(water.geometry, name) for name in LENGTHS}
+    b, a = ((usual | lengths)[name] for name in ("length", "draught"))
     circuit = _Circuit(
         drive=0.5 * H * q_S,
         Z=-1j * omega / (rho0 * g) * q_R,
         inertia=-1j * omega * rho0 * added.length * a / b,
-        lip=_EQUAL * 0.5 * rho0 * added.lip / b**2,
+        lip=jnp.asarray(_EQUAL * 0.5 * rho0 * added.lip / b**2),
         resistance=jnp.asarray(air.resistance, jnp.float32),
         turbine=_EQUAL * jnp.asarray(air.K_dm) ** 2,
         softness=1j * omega * air.give,
