@@ -148,6 +148,9 @@ def test_runs_whose_waves_were_not_measured_are_refused():
     runs.results["incident_height"][2] = np.nan
     with pytest.raises(js.CaseError, match=r"waves\.H = 0\.06.*no incident_height: .*probes\.gauges"):
         fitted(CASE, runs)
+    short = dataclasses.replace(runs, results={"noise": np.zeros(5)})
+    with pytest.raises(js.CaseError, match=r"no incident_height and no xi_measured .* t1 long enough"):
+        fitted(CASE, short)
 
 
 @pytest.mark.parametrize(
@@ -158,6 +161,7 @@ def test_runs_whose_waves_were_not_measured_are_refused():
         ("owc_slope", {}, "needs a device with a turbine in regular waves"),
         (PLATFORM, {}, r"device\.platform_height.*: a fast model needs linear theory"),
         ("owc", {"pto.K_dm": [1.0, 2.0]}, r"pto\.K_dm: a calibration needs 4 runs or more, not 2"),
+        (CASE.replace({"t1": 8.0}), None, r"t1 = 8 s is too short for a run with waves\.T = .*; raise t1"),
         ("owc", {"dx": [1.0] * 5}, "dx: the runs of a calibration differ in waves.H, waves.T, pto.K_dm only"),
     ],
 )

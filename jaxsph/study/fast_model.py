@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from jaxsph.case.case import Case
 from jaxsph.case.linear import chamber_geometry, linear_air, why_no_theory
+from jaxsph.case.settling import averages_from, settled_periods
 from jaxsph.errors import CaseError, FileError
 from jaxsph.problem.results import amplitude
 from jaxsph.study.sweep import Sweep, sweep
@@ -206,7 +207,9 @@ def calibrate(
 def members_around(case: Case) -> dict[str, list[float]]:
     """Parameters of the runs by which a case is calibrated, lists of equal length by name."""
     check(case, {})
-    return {key: [case.value(key) * factor for factor in factors] for key, factors in VARIED.items()}
+    over = {key: [case.value(key) * factor for factor in factors] for key, factors in VARIED.items()}
+    check(case, over)
+    return over
 
 
 def runs_of(path: Path) -> Path:
@@ -227,11 +230,18 @@ def check(case: Case, over: Mapping[str, Sequence[float]]) -> None:
             raise CaseError(f"{key}: the runs of a calibration differ in {', '.join(VARIED)} only")
         if len(values) < LEAST:
             raise CaseError(f"{key}: a calibration needs {LEAST} runs or more, not {len(values)}")
+    for values in zip(*over.values(), strict=False):
+        member = case.replace(dict(zip(over, values, strict=True)))
+        if settled_periods(member, member.t1) < 1:
+            raise CaseError(
+                f"t1 = {case.t1:g} s is too short for a run with waves.T = {member.value('waves.T'):.4g} s: "
+                f"its waves settle after {averages_from(member):.3g} s; raise t1"
+            )
 
 
 def fitted(case: Case, runs: Sweep) -> FastModel:
     """Model of a case, fitted to runs. **Raises** CaseError if fewer than `LEAST` runs succeeded."""
-    found = [_read(runs, k) for k in range(len(runs["xi"])) if (k,) not in runs.failures]
+    found = [_read(runs, k) for k in range(len(next(iter(runs.axes.values())))) if (k,) not in runs.failures]
     if len(found) < LEAST:
         texts = "; ".join(f"{runs.words(k)}: {text}" for k, text in runs.failures.items())
         raise CaseError(f"only {len(found)} runs succeeded, and {LEAST} are needed. {texts}")
