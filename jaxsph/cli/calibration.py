@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from jaxsph.cli.arguments import CaseName, EndTime, Quick, Quiet, Settings, each_once, load, values_of
-from jaxsph.cli.studies import announce, cluster
+from jaxsph.cli.studies import announce
 from jaxsph.cli.terminal import INTERRUPTED, messages, print_notes, print_table
 from jaxsph.errors import CaseError, FileError
 
@@ -48,16 +48,13 @@ def calibrate(
     workers: Annotated[
         int | None, typer.Option(help="Number of runs at a time; default: one per core.")
     ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler whose workers run the members.")
-    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Fit a fast model of an oscillating water column to a few runs; repeated, continue."""
     import jaxsph as js
     from jaxsph.study.fast_model import check, members_around, runs_of
 
-    with messages(INTERRUPTED), cluster(scheduler) as executor:
+    with messages(INTERRUPTED):
         loaded = load(case, settings, quick, t1)
         over = each_once((values_of(text, "--runs") for text in runs or ()), "--runs")
         check(loaded, over)
@@ -65,9 +62,8 @@ def calibrate(
         out = out if out is not None else Path("runs") / f"{loaded.name}_model.json"
         out.parent.mkdir(parents=True, exist_ok=True)
         if not quiet:
-            announce(loaded, runs_of(out), len(next(iter(over.values()))), workers, scheduler)
-        options = {"workers": workers, "executor": executor, "progress": not quiet}
-        model = js.calibrate(loaded, out, over=over, **options)
+            announce(loaded, runs_of(out), len(next(iter(over.values()))), workers, None)
+        model = js.calibrate(loaded, out, over=over, workers=workers, progress=not quiet)
         if not quiet:
             print_table(_summary(model))
         typer.echo(f"recorded in {out}")

@@ -33,6 +33,11 @@ SHARE = 0.1
 NODES = 16
 """Number of frequencies at which the water's response is solved."""
 
+_EQUAL = 8.0 / (3.0 * math.pi)
+"""Ratio of the resistance with the same mean power to that of a quadratic law at the flow's amplitude (-)."""
+BEYOND = 100.0
+"""Bound of the flow through the turbine, relative to that of an open chamber in linear theory (-)."""
+
 
 class WaterSeries(eqx.Module):
     """Response of the water to waves and to air pressure, over the frequency and the lengths of the chamber.
@@ -183,12 +188,6 @@ def fast_response(
         level=flow / (omega * b),
         P_lost=0.5 * jnp.real(column) * flow**2,
     )
-
-
-_EQUAL = 8.0 / (3.0 * math.pi)
-"""Ratio of the resistance with the same mean power to that of a quadratic law at the flow's amplitude (-)."""
-BEYOND = 100.0
-"""Bound of the flow through the turbine, relative to that of an open chamber in linear theory (-)."""
 
 
 class _Circuit(NamedTuple):
