@@ -211,7 +211,8 @@ def test_the_commands_calibrate_and_predict(tmp_path, monkeypatch):
     assert done.exit_code == 0, done.output
     assert asked["out"].name == "owc_model_runs.h5" and not asked["grid"]
     assert asked["over"]["waves.T"] == pytest.approx([1.2, 1.0, 1.4, 1.6, 1.1])
-    assert "loss coefficient of the lip" in done.output and "recorded in runs/owc_model.json" in done.output
+    assert "loss coefficient of the lip" in done.output and " Pa (run " in done.output
+    assert "recorded in runs/owc_model.json" in done.output
     grid = ["--grid", "pto.K_dm=300,600", "--grid", "waves.T=1.2,4.0", "--out", "found.csv"]
     done = CliRunner().invoke(app, ["predict", "runs/owc_model.json", *grid])
     assert done.exit_code == 0, done.output

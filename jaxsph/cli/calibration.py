@@ -79,11 +79,16 @@ def _summary(model: Any) -> list[tuple[str, str]]:
     ]
     for one in model.runs:
         text = ", ".join(
-            f"{name} {one.left_out[name]:.3g} (run {one.results[name]:.3g})" for name in one.results
+            f"{_quantity(name, one.left_out[name])} (run {one.results[name]:.3g})" for name in one.results
         )
         rows.append(("  " + ", ".join(f"{key} = {value:g}" for key, value in one.changes.items()), text))
     errors = ", ".join(f"{name} {value:.1%}" for name, value in model.error.items())
     return [*rows, ("error of such a prediction", errors)]
+
+
+def _quantity(name: str, value: float) -> str:
+    """Name and value of a result, with its unit."""
+    return f"{name} {value:.3g} {NAMES[name][1]}".rstrip()
 
 
 def predict(
