@@ -108,6 +108,9 @@ Quick = Annotated[
 ]
 
 
+Workers = Annotated[int | None, typer.Option(help="Number of runs at a time; default: one per core.")]
+
+
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 
 

@@ -9,7 +9,17 @@ from typing import Annotated, Any
 
 import typer
 
-from jaxsph.cli.arguments import CaseName, EndTime, Quick, Quiet, Settings, each_once, load, values_of
+from jaxsph.cli.arguments import (
+    CaseName,
+    EndTime,
+    Quick,
+    Quiet,
+    Settings,
+    Workers,
+    each_once,
+    load,
+    values_of,
+)
 from jaxsph.cli.studies import announce
 from jaxsph.cli.terminal import INTERRUPTED, messages, print_notes, print_table
 from jaxsph.errors import CaseError, FileError
@@ -45,9 +55,7 @@ def calibrate(
         typer.Option("--out", "-o", metavar="FILE", help="File; default: runs/<name of the case>_model.json"),
     ] = None,
     t1: EndTime = None,
-    workers: Annotated[
-        int | None, typer.Option(help="Number of runs at a time; default: one per core.")
-    ] = None,
+    workers: Workers = None,
     quiet: Quiet = False,
 ) -> None:
     """Fit a fast model of an oscillating water column to a few runs; repeated, continue."""
@@ -57,8 +65,8 @@ def calibrate(
     with messages(INTERRUPTED):
         loaded = load(case, settings, quick, t1)
         over = each_once((values_of(text, "--runs") for text in runs or ()), "--runs")
-        check(loaded, over)
         over = over or members_around(loaded)
+        check(loaded, over)
         out = out if out is not None else Path("runs") / f"{loaded.name}_model.json"
         out.parent.mkdir(parents=True, exist_ok=True)
         if not quiet:
@@ -135,13 +143,13 @@ def predict(
 
 def _predictions(fast: Any, over: Any, members: list[Any], values: Any) -> list[tuple[str, str]]:
     """Labels and values of predictions, with their errors."""
-    rows = []
+    rows, errors = [], fast.error
     for k, member in enumerate(members):
         label = ", ".join(f"{key} = {value:g}" for key, value in zip(over, member, strict=True))
         texts = []
         for name, (_, unit) in NAMES.items():
             value = values[name][k]
-            error = fast.error[name if name in fast.error else POWER] * value
+            error = errors.get(name, errors[POWER]) * value
             texts.append(f"{name} = {value:.4g} +- {error:.2g} {unit}".rstrip())
         rows.append((label or "the case", "; ".join(texts)))
     return rows

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from jaxsph.cli.arguments import CaseName, Quick, Quiet, Settings, load
+from jaxsph.cli.arguments import CaseName, Quick, Quiet, Settings, Workers, load
 from jaxsph.cli.studies import announce, cluster
 from jaxsph.cli.terminal import INTERRUPTED, messages, print_notes, print_table
 
@@ -65,9 +65,7 @@ def coefficients(  # its arguments are the options of the command
     settings: Settings = None,
     quick: Quick = False,
     out: OutFile = None,
-    workers: Annotated[
-        int | None, typer.Option(help="Number of runs at a time; default: one per core.")
-    ] = None,
+    workers: Workers = None,
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler whose workers run the members.")
     ] = None,

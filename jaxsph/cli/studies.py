@@ -20,6 +20,7 @@ from jaxsph.cli.arguments import (
     Quiet,
     Settings,
     Way,
+    Workers,
     bounds_of,
     each_once,
     load,
@@ -55,9 +56,7 @@ def sweep(
         typer.Option("--out", "-o", metavar="FILE", help="File; default: runs/<name of the case>_sweep.h5"),
     ] = None,
     t1: EndTime = None,
-    workers: Annotated[
-        int | None, typer.Option(help="Number of runs at a time; default: one per core.")
-    ] = None,
+    workers: Workers = None,
     batch: Annotated[
         int | None,
         typer.Option(help="Number of runs in one batch; default: 8 on an accelerator, no batches on a CPU."),

@@ -207,9 +207,7 @@ def calibrate(
 def members_around(case: Case) -> dict[str, list[float]]:
     """Parameters of the runs by which a case is calibrated, lists of equal length by name."""
     check(case, {})
-    over = {key: [case.value(key) * factor for factor in factors] for key, factors in VARIED.items()}
-    check(case, over)
-    return over
+    return {key: [case.value(key) * factor for factor in factors] for key, factors in VARIED.items()}
 
 
 def runs_of(path: Path) -> Path:

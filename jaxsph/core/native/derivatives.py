@@ -66,10 +66,10 @@ class Form:
         return Form(native, by_jax, given)(*given) if native else by_jax(*given)
 
     def native_transpose(self, arguments: Sequence[Any], places: Sequence[int]) -> Function | None:
-        """Native code for the cotangents of the arguments at these `places`, or None if there is none.
+        """Native function that computes the cotangents of the arguments at these `places`.
 
-        A function of the other arguments, followed by the cotangents of the results. Only the types of the
-        given `arguments` matter.
+        Its arguments are the other arguments, followed by the cotangents of the results. Only the types of
+        the given `arguments` matter. **Returns** None if there is no native code.
         """
         del arguments, places
 

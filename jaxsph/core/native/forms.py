@@ -1,4 +1,4 @@
-"""Native forms of sums over neighbours and of the loops of a neighbour search, where there are any.
+"""Switch of native forms, and native forms of the loops of a neighbour search and of tables in blocks.
 
 Native forms need a CPU and the package llvmlite (`jaxsph[native]`). On other devices, without llvmlite, and
 for pair laws with operations that cannot be translated, JAX's forms are used. The neighbours are the same;
