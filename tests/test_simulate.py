@@ -845,6 +845,7 @@ def test_overflow_is_regrown_and_replayed_once(whole, monkeypatch, tmp_path):
     monkeypatch.setattr("jaxsph.case.case.build", build)
     monkeypatch.setattr(host, "simulate_chunk", chunk)
     monkeypatch.setattr(remembered, "program_folder", lambda: tmp_path)
+    monkeypatch.setattr(remembered, "_programs", {})  # as in a new process
     model, state = build(OWC)
     overflown, _ = jax.jit(lambda m, s: m.scheme.prepare(m, s))(model, state)
     assert Failure.NEIGHBOUR_OVERFLOW in Failure(int(overflown.status.bits))

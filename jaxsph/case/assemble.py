@@ -245,7 +245,8 @@ def _search(
         found["chamber_capacity"] = 1
         for chamber in chambers:
             count = _candidate_count(chamber, tuple(on_device(a, walls.x.dtype) for a in x.T), skin)
-            found["chamber_capacity"] = max(found["chamber_capacity"], int(1.5 * int(count)) + 32)
+            # a small table: with much room, longer chambers share the program of this one
+            found["chamber_capacity"] = max(found["chamber_capacity"], 2 * int(count) + 32)
     return Search(
         grid=grid,
         method=search_by.of(grid, everything, np.concatenate([np.asarray(walls.node), x])),

@@ -29,7 +29,7 @@ from jaxsph.model.meaning import Entry, Exchange
 from jaxsph.model.mechanism import Mechanism
 from jaxsph.model.part import AbstractPart
 from jaxsph.model.solids import AbstractBody, AbstractMovingSolid, AbstractSolid, AbstractWall
-from jaxsph.model.state import Particles, Search, State, Tables
+from jaxsph.model.state import Particles, Search, State, Tables, with_mass
 
 __all__ = [
     "AbstractChamber",
@@ -332,7 +332,9 @@ class Model(eqx.Module):
 
     def step(self, state: State, tables: Tables) -> State:
         """State after one time step of the scheme, with its tangents filtered."""
-        return self.tangents.filter(self, self.scheme.step(self, state, tables), tables)
+        new = self.scheme.step(self, state, tables)
+        new = eqx.tree_at(lambda s: s.particles, new, with_mass(new.particles, state.particles))
+        return self.tangents.filter(self, new, tables)
 
     def every_solid(self) -> Sequence[AbstractSolid]:
         """All solids of the model: those at rest, moving walls and bodies."""

@@ -30,6 +30,7 @@ __all__ = [
     "Tables",
     "Tally",
     "settle",
+    "with_mass",
 ]
 
 
@@ -57,6 +58,14 @@ class Particles(eqx.Module):
     p_air: dict[str, Float[Array, " N"]] = eqx.field(default_factory=dict)
     """Change of p per Pa of air pressure in each chamber at the last search (-), by the chamber's name; empty
     if the scheme does not compute it."""
+
+
+def with_mass(new: Particles, old: Particles) -> Particles:
+    """Particles after a step; those without mass, which have no effect on the others, stay at rest where they
+    were before."""
+    there = (new.m > 0.0)[:, None]
+    x, carry = (jnp.where(there, a, b) for a, b in ((new.x, old.x), (new.x_carry, old.x_carry)))
+    return eqx.tree_at(lambda p: (p.x, p.x_carry, p.u), new, (x, carry, jnp.where(there, new.u, 0.0)))
 
 
 class Tally(eqx.Module):

@@ -43,7 +43,7 @@ from jaxsph.run.recorder import (
     new_file,
     restored_state,
 )
-from jaxsph.run.remembered import remember, with_remembered
+from jaxsph.run.remembered import remember, with_remembered, with_shared
 from jaxsph.run.simulate import simulate_chunk
 from jaxsph.run.stored import stored_source
 
@@ -173,6 +173,7 @@ def _drive(
     own = start.model
     model, state = share(own, start.state, devices or usual_devices(own, start.state))
     probes = everywhere(model.search.slabs, start.problem.probes)
+    model = with_shared(model, state, probes)
     every, last = recorder.sample_every, recorder.last
     key = key_of(start.source)
     file = take(model.search.slabs.count)

@@ -55,15 +55,16 @@ class AbstractParticleScheme(AbstractScheme):
         x, carry = wrap(p.x, p.x_carry, walls.low, self.smoothing.period)
         p = eqx.tree_at(lambda a: (a.x, a.x_carry), p, (x, carry))
         p, astray = sort_by_cell(s.slabs, s.grid, p, p.x)
-        region = walls.regions.index(p.x)
+        region, there = walls.regions.index(p.x), (p.m > 0.0).astype(jnp.int32)
         images, too_many = self._images(model, state.parts, p)
         ghosts, nodes, _ = model.ghosts_at(state.parts, p, images)
-        there = images.there
-        kind = walls.kind.at[: len(there)].multiply(there.astype(walls.kind.dtype))
+        imaged = images.there
+        kind = walls.kind.at[: len(imaged)].multiply(imaged.astype(walls.kind.dtype))
         # the search puts escaped particles into the cells at the edge; `check` flags the failure
-        water, behind = Seen(p.x, walls.regions.kind(region)), Seen(ghosts, kind)
+        # particles without mass neither see nor are seen
+        water, behind = Seen(p.x, there * walls.regions.kind(region)), Seen(ghosts, kind)
         fluid, most, halo = water_neighbours(
-            s.slabs, s.method, water, walls.regions.sees(region), behind, s.capacity
+            s.slabs, s.method, water, there * walls.regions.sees(region), behind, s.capacity
         )
 
         def around_points(points, sees):
@@ -263,6 +264,7 @@ class AbstractParticleScheme(AbstractScheme):
         out = jnp.zeros_like(finite)
         for solid in model.every_solid():
             out |= solid.contains(state.parts.get(solid.name), p.x, model.dx)
+        out &= p.m > 0.0
         moved2, speed2 = (dot(columns(a), columns(a)) for a in (x_used - tables.x, p.u))
         values = moved2, speed2, (~finite).astype(speed2.dtype), out.astype(speed2.dtype)
         (moved2, speed2, bad, out), (_, fastest, first_bad, first_out) = model.search.slabs.largest(

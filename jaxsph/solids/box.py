@@ -31,9 +31,11 @@ class NoSlip(eqx.Module):
     """Ratio of a ghost's tangential velocity to the water's, both relative to the wall (-)."""
 
 
-@dataclass(frozen=True)
-class WallPlate:
-    """Vertical plate through the water's surface, at x0 <= x <= x1 (m) and z >= tip (m)."""
+class WallPlate(eqx.Module):
+    """Vertical plate through the water's surface, at x0 <= x <= x1 (m) and z >= tip (m).
+
+    The lengths are leaves of the model, so that plates of different lengths share a program.
+    """
 
     x0: float
     x1: float

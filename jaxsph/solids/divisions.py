@@ -139,7 +139,7 @@ class Regions(eqx.Module):
     **Raises** ValueError if the regions and ghost sets need more bits than an integer has.
     """
 
-    plates: tuple[WallPlate, ...] = eqx.field(static=True)
+    plates: tuple[WallPlate, ...]
     """Thin plates."""
     division: AbstractDivision
     """Division of the water around each plate."""

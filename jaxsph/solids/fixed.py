@@ -59,7 +59,7 @@ class TankWalls(AbstractSolid):
 class ThinPlate(AbstractSolid):
     """Vertical plate at rest that pierces the water's surface."""
 
-    plate: WallPlate = eqx.field(static=True)
+    plate: WallPlate
     """Geometry of the plate."""
     name: str = eqx.field(static=True, default="", kw_only=True)
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -189,6 +190,25 @@ class Ghosts(eqx.Module):
     def at_nodes(self) -> slice:
         """Rows of the ghosts that interpolate at nodes: all but the images of particles."""
         return slice(self.images.count, None)
+
+    def padded(self, more: int) -> Ghosts:
+        """The ghosts, followed by `more` empty ones, which neither see nor are seen."""
+        if not more:
+            return self
+
+        def longer(a: Array, mode: str) -> Array:
+            # on the host, where another number of ghosts compiles nothing
+            return jax.device_put(np.pad(a, [(0, more), *[(0, 0)] * (a.ndim - 1)], mode))  # pyright: ignore[reportArgumentType, reportCallIssue]
+
+        def repeated(g: Ghosts) -> list[Any]:
+            brim = g.brim
+            return [g.x, g.node, g.mirror, g.shear, g.sliding, brim.full, brim.bottom, brim.top, brim.mean]
+
+        def empty(g: Ghosts) -> list[Any]:
+            return [g.volume, g.kind, g.node_sees]
+
+        walls = eqx.tree_at(repeated, self, [longer(a, "edge") for a in repeated(self)])
+        return eqx.tree_at(empty, walls, [longer(a, "constant") for a in empty(self)])
 
     def fit(
         self,

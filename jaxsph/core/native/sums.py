@@ -11,7 +11,6 @@ added to the sums.
 from __future__ import annotations
 
 import functools
-import itertools
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -162,15 +161,14 @@ class PairLoop(NamedTuple):
                     self._scatter(vectors, scattered, neighbours, for_sources)
                     return found[:kept]
 
-                if self.weights:
-                    found = terms()
-                    stored = zip(found, [*self.sums, *self.weights], results, strict=True)
-                    for a, kind, result in itertools.islice(stored, len(self.sums), None):
-                        vectors.store(a, result, kind, in_block)
-                    new += _sums(vectors, totals, found)
-                else:
-                    filled = builder.icmp_unsigned("<", neighbours, empty)
-                    new += _sums_where(vectors, totals, filled, terms)
+                filled = builder.icmp_unsigned("<", neighbours, empty)
+                nothing = [vectors.constant(0, kind) for kind in self.weights]
+                found = _where_filled(vectors, filled, terms, [*totals, *nothing], len(totals))
+                new += found[: len(totals)]
+                for a, kind, result in zip(
+                    found[len(totals) :], self.weights, results[len(totals) :], strict=True
+                ):
+                    vectors.store(a, result, kind, in_block)
             for total, kind, result in zip(totals, self.sums, results, strict=False):
                 vectors.store_where(once, total, result, kind, at)
 
@@ -278,7 +276,8 @@ class WeightedLoop(NamedTuple):
                         for place, one in zip(places, neighbours, strict=True)
                     ]
 
-                new += _sums_where(vectors, totals, functools.reduce(builder.or_, here), terms)
+                filled = functools.reduce(builder.or_, here)
+                new += _where_filled(vectors, filled, terms, totals, len(totals))
             for k, total in enumerate(totals):
                 vectors.store(total, call.result(0), self.dtype, builder.add(at, INDEX(k * self.lanes)))
 
@@ -332,26 +331,22 @@ def _slot(vectors: Vectors, rows: Value, dtype: Any, place: Value, stride: int) 
     return vectors.load(rows, dtype, place)
 
 
-def _sums(vectors: Vectors, totals: list[Value], terms: list[Value]) -> list[Value]:
-    """Totals with the terms added."""
-    return [
-        vectors.builder.fadd(total, term, flags=FUSED) for total, term in zip(totals, terms, strict=False)
-    ]
-
-
-def _sums_where(
-    vectors: Vectors, totals: list[Value], filled: Value, terms: Callable[[], list[Value]]
+def _where_filled(
+    vectors: Vectors, filled: Value, terms: Callable[[], list[Value]], before: list[Value], sums: int
 ) -> list[Value]:
-    """Totals with the terms added, unless the slot is filled in no lane: spare slots are empty."""
+    """The terms of a slot, the first `sums` of them added to the totals in `before`; or the values `before`,
+    if the slot is filled in no lane, as spare slots are."""
     builder = vectors.builder
-    before = builder.block
+    outside = builder.block
     with builder.if_then(vectors.intrinsic("vector.reduce.or", filled, result=ir.IntType(1))):
-        new = _sums(vectors, totals, terms())
+        new = terms()
+        added = zip(before[:sums], new, strict=False)
+        new[:sums] = [builder.fadd(total, term, flags=FUSED) for total, term in added]
         inside = builder.block
     found = []
-    for total, value in zip(totals, new, strict=True):
-        phi = builder.phi(total.type)
-        phi.add_incoming(total, before)
-        phi.add_incoming(value, inside)
+    for value, other in zip(before, new, strict=True):
+        phi = builder.phi(value.type)
+        phi.add_incoming(value, outside)
+        phi.add_incoming(other, inside)
         found.append(phi)
     return found

@@ -117,3 +117,9 @@ def needed_capacity(most: int, spare: float = SPARE) -> int:
     The size is `spare` times `most`, rounded up to a multiple of four.
     """
     return max(4, int(np.ceil(most * spare / 4)) * 4)
+
+
+def rounded_up(count: int, limit: int) -> int:
+    """The `count`, rounded up to a multiple of the largest power of 2 that is at most `limit`, or of 1."""
+    step = 1 << max(limit, 1).bit_length() - 1
+    return -(-count // step) * step
