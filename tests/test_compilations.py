@@ -86,7 +86,7 @@ def test_owcs_of_other_lengths_share_a_program(monkeypatch):
 
 def test_copies_that_even_the_shapes_have_no_effect(monkeypatch):
     """Copies of particles and empty ghosts stay where they are, and change the water by rounding only."""
-    monkeypatch.setattr(devices, "UNEVEN", 8)  # long steps, since the coarse OWC has few particles
+    monkeypatch.setattr(devices, "STEPS", 8)  # long steps, since the coarse OWC has few particles
     case, model, state = _built("owc", {})
     count = len(state.particles.id)
     more, evened = devices._evened(model, state, 7)
