@@ -7,6 +7,7 @@ from conftest import advance, coarse, compilations
 
 import jaxsph as js
 from jaxsph.case.speeds import search_speed, speed_scale
+from jaxsph.output.run_file import RunFile
 from jaxsph.run import devices, remembered, simulate
 from jaxsph.waves import theory
 
@@ -106,3 +107,16 @@ def test_copies_that_even_the_shapes_have_no_effect(monkeypatch):
     np.testing.assert_allclose(found.u, expected.u, atol=2e-5)
     np.testing.assert_allclose(found.x, expected.x, atol=2e-6)
     assert np.max(np.abs(expected.u)) > 1e-3
+
+
+def test_a_resumed_run_adds_its_copies_again(monkeypatch, tmp_path):
+    """Copies are no part of a checkpoint: a resumed run adds others, and has the same bits."""
+    monkeypatch.setattr(devices, "STEPS", 8)
+    case, paths = coarse("owc"), (tmp_path / "whole.h5", tmp_path / "halves.h5")
+    js.run(case, t1=0.4, out=paths[0], progress=False)
+    js.run(case, t1=0.2, out=paths[1], progress=False)
+    js.resume(paths[1], t1=0.4, progress=False)
+    whole, halves = (RunFile.open(path).series() for path in paths)
+    assert len(whole["time"]) == 40 and np.max(np.abs(whole["eta"])) > 1e-5
+    for name, values in whole.items():
+        np.testing.assert_array_equal(halves[name], values, err_msg=name)

@@ -54,7 +54,9 @@ class AbstractParticleScheme(AbstractScheme):
         s, walls, p = model.search, model.walls, state.particles
         x, carry = wrap(p.x, p.x_carry, walls.low, self.smoothing.period)
         p = eqx.tree_at(lambda a: (a.x, a.x_carry), p, (x, carry))
-        p, astray = sort_by_cell(s.slabs, s.grid, p, p.x)
+        # particles without mass come last, so that a resumed run, to which they are added anew, has the same
+        # order and adds in the same order
+        p, astray = sort_by_cell(s.slabs, s.grid, p, p.x, p.m == 0.0)
         region, there = walls.regions.index(p.x), (p.m > 0.0).astype(jnp.int32)
         images, too_many = self._images(model, state.parts, p)
         ghosts, nodes, _ = model.ghosts_at(state.parts, p, images)

@@ -107,6 +107,11 @@ def cell_order(x: Float[Array, "N D"], grid: Grid) -> Int[Array, " N"]:
     return _sort(cell_key(jax.lax.stop_gradient(x), grid), int(np.prod(grid.shape)))[0]
 
 
+def behind_others(order: Int[Array, " N"], last: Bool[Array, " N"]) -> Int[Array, " N"]:
+    """A permutation, with the particles of the mask `last` moved behind all others; stable."""
+    return order[_sort(last[order].astype(jnp.int32), 2)[0]]
+
+
 def search(
     targets: Float[Array, "N D"],
     sources: Float[Array, "M D"],

@@ -12,7 +12,7 @@ from jax.sharding import PartitionSpec
 from jaxsph.core.arrays import Array, Bool, Components, Float, Int, columns, stack
 from jaxsph.core.native.forms import blocked, true_indices
 from jaxsph.core.search.base import WIDTH, AbstractSearch, Grid
-from jaxsph.core.search.cells import cell_index, cell_key, cell_order
+from jaxsph.core.search.cells import behind_others, cell_index, cell_key, cell_order
 from jaxsph.core.slabs import AXIS, SPLIT_TABLE, WHOLE, Neighbours, PointNeighbours, Slabs, split
 
 
@@ -29,15 +29,17 @@ NARROW = 1 << 30
 """Halo size, in particles, that is reported if a slab is too narrow for a halo of any size."""
 
 
-def sort_by_cell(slabs: Slabs, grid: Grid, particles: Any, x: Float[Array, "N D"]) -> tuple[Any, Array]:
+def sort_by_cell(
+    slabs: Slabs, grid: Grid, particles: Any, x: Float[Array, "N D"], last: Bool[Array, " N"]
+) -> tuple[Any, Array]:
     """Particles (a pytree of arrays `[N]` or `[N, D]`) at x (m) in the order of their cells.
 
-    On several devices, particles that have left a slab move to the adjacent slab and others take their place,
-    so that every slab keeps its number of particles. **Returns** also whether any particle moved past the
-    halo of its slab and was lost.
+    On one device the particles of the mask `last` come behind all others. On several devices, particles that
+    have left a slab move to the adjacent slab and others take their place, so that every slab keeps its
+    number of particles. **Returns** also whether any particle moved past the halo of its slab and was lost.
     """
     if slabs.count == 1:
-        order = cell_order(x, grid)
+        order = behind_others(cell_order(x, grid), last)
         return jax.tree.map(lambda a: a[order], particles), jnp.zeros((), bool)
 
     def local(particles, key):
