@@ -95,6 +95,7 @@ _ROOMS = {
     "problem.problem": ("Problem",),
     "problem.program": ("Program",),
     "problem.record": ("AbstractAveraging", "Record", "Result", "Window"),
+    "report.froude": ("full_scale",),
     "report.page": ("report",),
     "report.tables": ("export",),
     "report.watch": ("Watch",),

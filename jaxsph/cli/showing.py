@@ -102,6 +102,14 @@ def export(
         Path | None, typer.Option("--out", "-o", metavar="TABLE", help="Table to write, .csv or .xlsx.")
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing tables.")] = False,
+    scale: Annotated[
+        float,
+        typer.Option(
+            "--scale",
+            metavar="N",
+            help="Write the values at N times the lengths of the run, by Froude's law.",
+        ),
+    ] = 1.0,
 ) -> None:
     """Write the results and readings of a run, or the members of a sweep, as tables for a spreadsheet."""
     import jaxsph as js
@@ -114,8 +122,14 @@ def export(
                 "format"
             )
         out = out if out is not None else Path(file).with_suffix(".xlsx" if xlsx else ".csv")
-        for written in js.export(file, out, overwrite=overwrite):
+        for written in js.export(file, out, overwrite=overwrite, scale=scale):
             typer.echo(f"table: {written}")
+        if scale != 1.0 and RunFile.open(file).case_keys().get("air", {}).get("volume"):
+            typer.echo(
+                "note: the air is compressible; the values hold only if the run's air.volume or air.pressure "
+                "follows docs/how-to/scale.md",
+                err=True,
+            )
 
 
 def watch(

@@ -112,6 +112,9 @@ LABELS = {
 }
 """Labels of the scalar results in two dimensions, in the order of a table."""
 
+OF_PROGRAM = ("periods", "periods_left_out", "steps", "wall_seconds", "particle_steps_per_second")
+"""Names of the results that describe the run and not the water or the device."""
+
 PER_METRE = ("P_inc", "P_inc_sea", "E_inc", "P_inc_measured")
 """Names of the results that are per metre of width in three dimensions too."""
 

@@ -15,7 +15,8 @@ from jaxsph.output.dataset import wanted
 from jaxsph.output.hdf5 import tell_write_errors
 from jaxsph.output.run_file import RunFile
 from jaxsph.output.sweep_file import SweepFile
-from jaxsph.report.labels import components_of, in_order, is_flat, label_of
+from jaxsph.report.froude import check_scale, factor
+from jaxsph.report.labels import OF_PROGRAM, components_of, in_order, is_flat, label_of
 
 Cell = str | float | None
 """Content of a cell; None leaves it empty."""
@@ -32,16 +33,26 @@ class Table(NamedTuple):
     """Rows, with one cell per column."""
 
 
-def tables(path: str | Path) -> list[Table]:
+def tables(path: str | Path, scale: float = 1.0) -> list[Table]:
     """Tables of a file: results and series of a run, or one row per member of a sweep.
 
-    **Raises** FileError if the file was not written by jaxsph.
+    `scale`: see `export`. **Raises** FileError if the file was not written by jaxsph.
     """
-    return [_members(SweepFile(path))] if SweepFile(path).is_one() else list(_of_run(RunFile.open(path)))
+    check_scale(scale)
+    if not SweepFile(path).is_one():
+        return list(_of_run(RunFile.open(path), scale))
+    if scale != 1.0:
+        raise FileError(
+            f"{path} contains a sweep, whose swept values have no units: omit the scale, or give the file of "
+            "a run"
+        )
+    return [_members(SweepFile(path))]
 
 
-def export(path: str | Path, out: str | Path, overwrite: bool = False) -> list[Path]:
+def export(path: str | Path, out: str | Path, overwrite: bool = False, scale: float = 1.0) -> list[Path]:
     """Writes the tables of a run or a sweep as CSV or as an Excel workbook, depending on the suffix of `out`.
+
+    `scale`: lengths of the tables over those of the run; all values of the tables follow by Froude's law.
 
     For a run, the series go to the CSV file `out` and the results to a file with `_results` added to the
     name, or both to one workbook with two sheets. **Returns** the files. **Raises** FileError if the suffix
@@ -51,7 +62,7 @@ def export(path: str | Path, out: str | Path, overwrite: bool = False) -> list[P
     out = Path(out)
     if out.suffix not in (".csv", ".xlsx"):
         raise FileError(f"{out}: the name must end in .csv or .xlsx")
-    found = tables(path)
+    found = tables(path, scale)
     *others, last = found
     files = {out: [*found]} if out.suffix == ".xlsx" else {out: [last]}
     if out.suffix == ".csv":
@@ -68,30 +79,35 @@ def export(path: str | Path, out: str | Path, overwrite: bool = False) -> list[P
     return sorted(files)
 
 
-def _of_run(run: RunFile) -> Iterator[Table]:
-    """Tables of a run: results with their labels, and series over time with one column per component."""
+def _of_run(run: RunFile, scale: float) -> Iterator[Table]:
+    """Tables of a run: results with their labels, and series over time with one column per component.
+
+    `scale`: see `export`; at another scale than the run's, numbers of the run itself are left out.
+    """
     results, labels = run.results(), run.labels()
     flat = is_flat(run.case_keys())
     rows: list[list[Cell]] = []
     for name in in_order(results, labels):
-        label = label_of(name, flat, labels)
-        rows.append([name, results[name], label.unit, label.text.strip(), label.meaning])
+        if scale == 1.0 or name not in OF_PROGRAM:
+            label = label_of(name, flat, labels)
+            value = results[name] * factor(label.unit, scale)
+            rows.append([name, value, label.unit, label.text.strip(), label.meaning])
     yield Table("results", ["result", "value", "unit", "name", "meaning"], rows)
     series, variables, places = run.series(), run.variables(), run.coordinates()
-    columns: dict[str, np.ndarray] = {"time (s)": series.get("time", np.zeros(0))}
+    columns: dict[str, np.ndarray] = {"time (s)": series.get("time", np.zeros(0)) * factor("s", scale)}
     for name, values in series.items():
         if name == "time":
             continue
         units, dim = variables[name].units, variables[name].dim
-        where = [at for of, at, *_ in places.values() if of == dim]
+        where = [scale * at for of, at, *_ in places.values() if of == dim]
         if values.ndim == 1:
-            columns[f"{name} ({units})"] = values
+            columns[f"{name} ({units})"] = values * factor(units, scale)
             continue
         names = list(components_of(variables[name], values.shape[1]))
         for k, column in enumerate(values.reshape(len(values), -1).T):
             named = names[k] if names else str(k + 1)
             place = ", ".join(f"{at[k]:.4g}" for at in where if at.ndim == 1) or named
-            columns[f"{name} [{place}] ({_unit(units, k)})"] = column
+            columns[f"{name} [{place}] ({_unit(units, k)})"] = column * factor(_unit(units, k), scale)
     yield Table(
         "series", list(columns), [list(map(float, row)) for row in zip(*columns.values(), strict=True)]
     )

@@ -122,7 +122,8 @@ def water_line(
     limited = jnp.zeros_like(dt)
     for a, air in airs.items():
         found, least = compliance[a, a], LEAST * dt * air.mobility()
-        limited = limited + (found < least) * jnp.sum(air.index < len(responses[a].u))
+        held = jnp.sum(air.index < len(responses[a].u))
+        limited = limited + jnp.where(found < least, held, 0).astype(dt.dtype)
         compliance[a, a] = jnp.maximum(found, least)
     unpressed = {a: flows[a] + sum(compliance[a, b] * before[b] for b in airs) for a in airs}
     return WaterLine(unpressed, compliance, limited)

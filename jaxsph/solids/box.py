@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -37,17 +38,17 @@ class WallPlate(eqx.Module):
     The lengths are leaves of the model, so that plates of different lengths share a program.
     """
 
-    x0: float
-    x1: float
-    tip: float
+    x0: float | Any
+    x1: float | Any
+    tip: float | Any
 
     @property
-    def thickness(self) -> float:
+    def thickness(self) -> float | Any:
         """Plate thickness, m."""
         return self.x1 - self.x0
 
     @property
-    def middle(self) -> float:
+    def middle(self) -> float | Any:
         """Position x of the plate's middle plane, m."""
         return 0.5 * (self.x0 + self.x1)
 
