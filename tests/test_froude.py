@@ -71,8 +71,10 @@ def test_every_standard_result_has_a_known_unit():
 
 @pytest.mark.parametrize("unit", ["furlong", "W/m/s", "m s^-1"])
 def test_an_unknown_unit_is_refused(unit):
+    """A user's reading may have any unit, as long as it is not scaled."""
     with pytest.raises(CaseError, match="unit"):
         exponent(unit)
+    assert factor(unit, 1.0) == 1.0
 
 
 def _at(scale, air):

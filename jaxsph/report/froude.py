@@ -53,9 +53,9 @@ def exponent(unit: str) -> float:
 def factor(unit: str, scale: float) -> float:
     """Ratio of a quantity with the unit to that of a model whose lengths are `scale` times smaller.
 
-    **Raises** CaseError for an unknown unit.
+    **Raises** CaseError for an unknown unit, unless the scale is 1.
     """
-    return scale ** exponent(unit)
+    return 1.0 if scale == 1.0 else scale ** exponent(unit)
 
 
 def full_scale(run: RunFile | str | Path, scale: float) -> dict[str, Scaled]:
