@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Array, Float, columns, dot, stack
+from jaxsph.core.pairs import FAR
 from jaxsph.core.parts import Part
 from jaxsph.core.search.cells import wrap
 from jaxsph.core.search.tables import Seen, point_neighbours, sort_by_cell, water_neighbours
@@ -104,7 +105,8 @@ class AbstractParticleScheme(AbstractScheme):
     def _images(self, model: Model, parts: Mapping[str, Any], p: Particles) -> tuple[Chosen, jax.Array]:
         """Particles that the image ghosts mirror until the next search, and whether there are too many."""
         s = model.search
-        x = jax.lax.stop_gradient(s.slabs.gather(p.x))
+        # walls mirror no particles without mass
+        x = jax.lax.stop_gradient(s.slabs.gather(jnp.where((p.m > 0.0)[:, None], p.x, FAR)))
         paddle = model.paddle_at(jax.lax.stop_gradient(parts))
         rows, full = model.walls.images.choose(x, paddle, self.smoothing.radius, s.skin)
         return Chosen.of(rows, len(x), s.slabs), full
