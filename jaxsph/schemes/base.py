@@ -59,7 +59,9 @@ class AbstractParticleScheme(AbstractScheme):
         # order and adds in the same order
         p, astray = sort_by_cell(s.slabs, s.grid, p, p.x, p.m == 0.0)
         region, there = walls.regions.index(p.x), (p.m > 0.0).astype(jnp.int32)
-        images, too_many = self._images(model, state.parts, p)
+        # no wall mirrors, and no air presses, particles without mass
+        heavy = jnp.where((p.m > 0.0)[:, None], p.x, FAR)
+        images, too_many = self._images(model, state.parts, heavy)
         ghosts, nodes, _ = model.ghosts_at(state.parts, p, images)
         imaged = images.there
         kind = walls.kind.at[: len(imaged)].multiply(imaged.astype(walls.kind.dtype))
@@ -86,7 +88,7 @@ class AbstractParticleScheme(AbstractScheme):
             most_at_nodes, crowd = map(jnp.maximum, (most_at_nodes, crowd), found)
         chambers, most_in_chamber = {}, jnp.zeros((), jnp.int32)
         for chamber in model.chambers:
-            x = chamber.frame.back(state.parts, columns(s.slabs.gather(p.x)))
+            x = chamber.frame.back(state.parts, columns(s.slabs.gather(heavy)))
             chambers[chamber.name], count = chamber.candidates(x, s.skin, s.chamber_capacity)
             most_in_chamber = jnp.maximum(most_in_chamber, count.astype(jnp.int32))
         found = {
@@ -102,11 +104,12 @@ class AbstractParticleScheme(AbstractScheme):
         state = eqx.tree_at(lambda a: (a.particles, a.status), state, (p, status))
         return state, Tables(fluid, images, at_nodes, around, chambers, p.x)
 
-    def _images(self, model: Model, parts: Mapping[str, Any], p: Particles) -> tuple[Chosen, jax.Array]:
-        """Particles that the image ghosts mirror until the next search, and whether there are too many."""
+    def _images(
+        self, model: Model, parts: Mapping[str, Any], x: Float[Array, "N D"]
+    ) -> tuple[Chosen, jax.Array]:
+        """Particles at x (m) that images mirror until the next search, and whether there are too many."""
         s = model.search
-        # walls mirror no particles without mass
-        x = jax.lax.stop_gradient(s.slabs.gather(jnp.where((p.m > 0.0)[:, None], p.x, FAR)))
+        x = jax.lax.stop_gradient(s.slabs.gather(x))
         paddle = model.paddle_at(jax.lax.stop_gradient(parts))
         rows, full = model.walls.images.choose(x, paddle, self.smoothing.radius, s.skin)
         return Chosen.of(rows, len(x), s.slabs), full

@@ -219,7 +219,7 @@ class DeltaSPH(AbstractRateScheme):
         acceleration = [f / rho + g for f, g in zip(force, model.g, strict=True)]
         L = symmetric_inverse(M)
         grad_rho = symmetric_product(L, b)
-        limited = {"gradient": jnp.sum(uncorrected(M)).astype(rho.dtype)}
+        limited = {"gradient": jnp.sum(uncorrected(M) & (p.m > 0.0)).astype(rho.dtype)}
         return Rates(tuple(acceleration), grad_rho, trace_upper(M, dim), limited)
 
     @Part.CONTINUITY.scope()
