@@ -58,19 +58,20 @@ class AbstractParticleScheme(AbstractScheme):
         # particles without mass come last, so that a resumed run, to which they are added anew, has the same
         # order and adds in the same order
         p, astray = sort_by_cell(s.slabs, s.grid, p, p.x, p.m == 0.0)
-        region, there = walls.regions.index(p.x), (p.m > 0.0).astype(jnp.int32)
+        region, there = walls.regions.index(p.x), p.m > 0.0
         # no wall mirrors, and no air presses, particles without mass
-        heavy = jnp.where((p.m > 0.0)[:, None], p.x, FAR)
+        heavy = jnp.where(there[:, None], p.x, FAR)
         images, too_many = self._images(model, state.parts, heavy)
         ghosts, nodes, _ = model.ghosts_at(state.parts, p, images)
         imaged = images.there
         kind = walls.kind.at[: len(imaged)].multiply(imaged.astype(walls.kind.dtype))
         # the search puts escaped particles into the cells at the edge; `check` flags the failure
         # particles without mass neither see nor are seen
-        water, behind = Seen(p.x, there * walls.regions.kind(region)), Seen(ghosts, kind)
-        fluid, most, halo = water_neighbours(
-            s.slabs, s.method, water, there * walls.regions.sees(region), behind, s.capacity
+        bits, sees = (
+            jnp.where(there, a, 0) for a in (walls.regions.kind(region), walls.regions.sees(region))
         )
+        water, behind = Seen(p.x, bits), Seen(ghosts, kind)
+        fluid, most, halo = water_neighbours(s.slabs, s.method, water, sees, behind, s.capacity)
 
         def around_points(points, sees):
             return point_neighbours(s.slabs, s.method, points, sees, water, s.node_capacity)
