@@ -271,8 +271,19 @@ def evanescent(Kh: float, count: int) -> NDArray[np.floating]:
 
 
 def _transform(kappa: NDArray[np.floating], order: float, functions: int) -> Matrix:
-    """Cosine transforms of the edge functions, J_{2m+L}(kappa) / kappa^L, [kappa, m]."""
-    return scipy.special.jv(2.0 * np.arange(functions) + order, kappa[:, None]) / kappa[:, None] ** order
+    """Cosine transforms of the edge functions, J_{2m+L}(kappa) / kappa^L, [kappa, m].
+
+    Only the two highest orders are computed from the function itself, which takes much longer than the
+    recurrence to the lower orders, J_{n-1} = (2n / kappa) J_n - J_{n+1}, which is stable in this direction.
+    """
+    n = 2.0 * (functions - 1) + order
+    above, here = scipy.special.jv(n + 1.0, kappa), scipy.special.jv(n, kappa)
+    found = [here]
+    for _ in range(functions - 1):
+        for _ in range(2):
+            above, here, n = here, 2.0 * n / kappa * here - above, n - 1.0
+        found.append(here)
+    return np.stack(found[::-1], axis=-1) / kappa[:, None] ** order
 
 
 def _mean(order: float, functions: int) -> NDArray[np.floating]:
