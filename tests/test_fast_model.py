@@ -14,9 +14,12 @@ from typer.testing import CliRunner
 
 import jaxsph as js
 from jaxsph.cli.app import app
+from jaxsph.core.roots import fixed_point
 from jaxsph.study import fast_model
-from jaxsph.study.fast_model import KEYS, READ, FastModel, Predicted, fitted, members_around
+from jaxsph.study.fast_model import KEYS, READ, SEA, FastModel, Predicted, fitted, members_around
 from jaxsph.waves.fast_owc import Additions
+from jaxsph.waves.linear_sea import linear_sea_response
+from jaxsph.waves.spectra import JONSWAP, draw_sea
 
 CASE = js.load_case("owc").replace({"dx": 0.04, "probes.gauges": [2.0, 3.0, 3.3, 3.75, 7.4]})
 PLATFORM = CASE.replace({"device.platform_length": 0.4, "device.platform_height": 0.08})
@@ -58,7 +61,78 @@ def test_compressible_air_is_that_of_linear_theory():
     assert float(found.flow) == pytest.approx(float(abs(exact.q)), rel=1e-4)
 
 
-@pytest.mark.parametrize("key", list(KEYS))
+def _sea(Hs, Tp, K_dm, case=CASE):
+    """Response to a sea by stochastic linearisation in double precision, with the waves of a drawn sea."""
+    waves = draw_sea(JONSWAP(Hs, Tp), 60.0 * Tp, 1)
+    geometry = js.linear_owc(CASE).water.geometry
+    return linear_sea_response(geometry, *waves, K_dm, case.fluid.rho0, case.g, js.linear_owc(case).air)
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.floats(0.01, 0.08), st.floats(0.85, 1.3), st.floats(50.0, 4000.0), st.booleans())
+def test_without_additions_the_model_in_a_sea_is_linear_theory(Hs, Tp, K_dm, air):
+    model = _model(air=air)
+    found = model.response({"waves.Hs": Hs, "waves.Tp": Tp, "pto.K_dm": K_dm})
+    exact = _sea(Hs, Tp, K_dm, model.case)
+    root = math.sqrt(2.0)
+    amplitudes = [found.flow / root, found.P_a / root, found.level / root]
+    # seas of 93 and of 139 waves
+    assert float(found.P_inc) == pytest.approx(exact.P_inc, rel=2e-3)
+    assert float(found.P_owc) == pytest.approx(exact.P_owc, rel=4e-3)
+    for here, there in zip(amplitudes, (exact.sigma_q, exact.sigma_P_a, exact.sigma_level), strict=True):
+        assert float(here) == pytest.approx(there, rel=4e-3)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.floats(0.01, 0.08), st.floats(0.85, 1.3), st.floats(0.0, 4000.0), st.floats(0.0, 4.0), st.booleans()
+)
+def test_powers_of_a_sea_balance(Hs, Tp, K_dm, lip, air):
+    """What the turbine and the lip take is at most the waves' power, and less with a lip than without."""
+    changes = {"waves.Hs": Hs, "waves.Tp": Tp, "pto.K_dm": K_dm}
+    found = _model(Additions(lip, 0.1), air).response(changes)
+    assert 0.0 <= float(found.P_owc) and 0.0 <= float(found.P_lost)
+    assert float(found.P_owc + found.P_lost) <= float(found.P_inc) * (1.0 + 1e-5)
+    assert float(found.P_owc) <= float(_model(Additions(0.0, 0.1), air).response(changes).P_owc) * 1.05
+
+
+def test_fixed_points_have_the_derivatives_of_the_solution():
+    """The root of x = sqrt(a x) is a."""
+
+    def of(a):
+        return fixed_point(lambda x: jnp.sqrt(a * x), jnp.float32(3.0), 40)
+
+    for derivative in (jax.jacfwd, jax.jacrev):
+        assert float(of(5.0)) == pytest.approx(5.0, rel=1e-5)
+        assert float(derivative(of)(5.0)) == pytest.approx(1.0, rel=1e-4)
+
+
+def test_seas_outside_the_range_and_half_of_a_sea_are_refused():
+    model = _model()
+    for Tp in (0.8, 1.4):
+        assert math.isnan(model.response({"waves.Hs": 0.03, "waves.Tp": Tp}).xi)
+    for changes in ({"waves.Hs": 0.03}, {"waves.Hs": 0.03, "waves.Tp": 1.2, "waves.T": 1.2}):
+        with pytest.raises(js.CaseError, match=r"waves\.Hs.*: give waves\.Hs and waves\.Tp together"):
+            model.response(changes)
+
+
+def test_slopes_in_a_sea_are_those_of_differences():
+    model = _model(TRUE)
+
+    @jax.jit
+    def of(Hs, K_dm, draught):
+        changes = {"waves.Hs": Hs, "waves.Tp": 1.2, "pto.K_dm": K_dm, "device.draught": draught}
+        return model.response(changes).P_owc
+
+    at = (0.04, 500.0, 0.16)
+    for method in (jax.jacfwd, jax.jacrev):
+        slopes = jax.jit(method(of, (0, 1, 2)))(*at)
+        for k, slope in enumerate(slopes):
+            up, down = (of(*(v * (1.0 + s * (i == k)) for i, v in enumerate(at))) for s in (0.01, -0.01))
+            assert float(slope) == pytest.approx(float((up - down) / (0.02 * at[k])), rel=5e-3)
+
+
+@pytest.mark.parametrize("key", [key for key in KEYS if key not in SEA])
 def test_slopes_are_those_of_linear_theory(key):
     usual = {"waves.H": 0.04, "waves.T": 1.25, "pto.K_dm": 500.0}
     usual |= {"device.draught": 0.16, "device.chamber_length": 0.13, "device.wall_thickness": 0.02}
@@ -219,6 +293,15 @@ def test_the_commands_calibrate_and_predict(tmp_path, monkeypatch):
     assert "pto.K_dm = 600, waves.T = 1.2" in done.output and "2 of 4 predictions are nan" in done.output
     rows = (tmp_path / "found.csv").read_text().splitlines()
     assert rows[0].startswith("pto.K_dm,waves.T,xi,P_owc (W per metre of width)") and len(rows) == 5
+    (tmp_path / "year.csv").write_text("Hs,Tp,share\n0.03,1.1,0.4\n0.04,1.3,0.6\n")
+    year = ["--table", "year.csv", "--grid", "pto.K_dm=300,600"]
+    done = CliRunner().invoke(app, ["predict", "runs/owc_model.json", *year])
+    assert done.exit_code == 0, done.output
+    table = js.ScatterTable.read(tmp_path / "year.csv")
+    mean = FastModel.read(tmp_path / "runs" / "owc_model.json").annual(table, {"pto.K_dm": 600.0})
+    assert f"P_owc = {float(mean):.4g} +- " in done.output and "xi" not in done.output
+    done = CliRunner().invoke(app, ["predict", "runs/owc_model.json", *year, "--grid", "waves.T=1.2"])
+    assert done.exit_code == 2 and "waves.T: the waves are those of the scatter" in done.output
     done = CliRunner().invoke(app, ["predict", "runs/owc_model.json", "--grid", "pto.K_dm=1:900:100"])
     assert done.exit_code == 2 and "100 predictions; give --out FILE" in done.output
 

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+import scipy.io
 from typer.testing import CliRunner
 
 import jaxsph as js
@@ -247,3 +248,56 @@ def test_second_order_wavenumbers_are_the_theory_s():
     np.testing.assert_allclose(
         second_order.wavenumbers(omega, 0.5, 9.81), theory.wavenumber(omega, 0.5), rtol=1e-6
     )
+
+
+def _written(path, powers=POWERS):
+    """File of a power matrix without runs."""
+    done = a_sweep(powers)
+    members = {
+        i: {
+            "results": {name: float(values.ravel()[i]) for name, values in done.results.items()},
+            "series": {},
+            "failure": "",
+        }
+        for i in range(powers.size)
+    }
+    SweepFile(path).write(CASE.to_toml(), done.axes, powers.shape, members, Meanings())
+    return path
+
+
+def test_a_matrix_is_exported_as_a_table_and_for_wec_sim(tmp_path):
+    file = _written(tmp_path / "m.h5")
+    matrix = matrix_of(js.read_sweep(file))
+    written = js.export(file, tmp_path / "m.csv")
+    assert [path.name for path in written] == ["m.csv", "m_members.csv"]
+    rows = (tmp_path / "m.csv").read_text().splitlines()
+    assert rows[0] == "waves.Hs (m),waves.Tp (s),P (W/m),P_error (W/m),xi,P_linear (W/m)" and len(rows) == 7
+    assert [float(row.split(",")[2]) for row in rows[1:]] == pytest.approx(list(matrix.P.ravel()))
+    assert len((tmp_path / "m_members.csv").read_text().splitlines()) == 13
+    js.export(file, tmp_path / "m.mat")
+    found = scipy.io.loadmat(tmp_path / "m.mat", squeeze_me=True)
+    header, cases = found["mcr"]["header"].item(), found["mcr"]["cases"].item()
+    assert [str(name) for name in header] == ["waves.height", "waves.period"]
+    np.testing.assert_allclose(cases[:, 0], np.repeat(matrix.Hs, 3))
+    np.testing.assert_allclose(cases[:, 1], np.tile(matrix.Tp, 2))
+    np.testing.assert_allclose(found["P"], matrix.P.ravel())
+    np.testing.assert_allclose(found["xi"], matrix.xi.ravel())
+
+
+def test_a_matrix_at_full_scale_follows_froude(tmp_path):
+    file = _written(tmp_path / "m.h5")
+    matrix = matrix_of(js.read_sweep(file))
+    (written,) = js.export(file, tmp_path / "full.csv", scale=4.0)
+    values = np.loadtxt(written, delimiter=",", skiprows=1, usecols=(0, 1, 2, 4))
+    np.testing.assert_allclose(values[:, 0], 4.0 * np.repeat(matrix.Hs, 3))
+    np.testing.assert_allclose(values[:, 1], 2.0 * np.tile(matrix.Tp, 2))
+    np.testing.assert_allclose(values[:, 2], 32.0 * matrix.P.ravel())
+    np.testing.assert_allclose(values[:, 3], matrix.xi.ravel())
+
+
+def test_only_a_matrix_is_written_for_wec_sim(tmp_path):
+    SweepFile(tmp_path / "s.h5").write(CASE.to_toml(), {"pto.K_dm": np.array([1.0])}, (1,), {}, Meanings())
+    with pytest.raises(js.FileError, match=r"only a power matrix .* can be written as a \.mat file"):
+        js.export(tmp_path / "s.h5", tmp_path / "s.mat")
+    with pytest.raises(js.FileError, match=r"must end in \.csv, \.xlsx or \.mat"):
+        js.export(tmp_path / "s.h5", tmp_path / "s.txt")

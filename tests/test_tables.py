@@ -94,7 +94,7 @@ def test_nothing_is_replaced_unasked_and_other_endings_are_refused(run):
     with pytest.raises(js.FileError, match="run_results.csv exists"):
         js.export(run, run.with_suffix(".csv"))
     assert not run.with_suffix(".csv").exists()  # refused before anything is written
-    with pytest.raises(js.FileError, match=r"must end in \.csv or \.xlsx"):
+    with pytest.raises(js.FileError, match=r"must end in \.csv, \.xlsx or \.mat"):
         js.export(run, run.with_suffix(".txt"))
 
 

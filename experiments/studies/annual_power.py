@@ -33,13 +33,21 @@ def study_case(dx: float = 0.02) -> js.Case:
     )
 
 
+def table() -> js.ScatterTable:
+    """Scatter table of the seas of the matrix."""
+    Hs, Tp = np.meshgrid(HS, TP, indexing="ij")
+    return js.ScatterTable(Hs.ravel(), Tp.ravel(), np.ravel(SHARES))
+
+
+def matrix(dx: float, workers: int) -> js.PowerMatrix:
+    """Power matrix of the OWC; finished runs are read from their file."""
+    path = RUNS / f"annual_power_{dx:g}.h5"
+    return js.power_matrix(study_case(dx), HS, TP, path, seeds=SEEDS, workers=workers)
+
+
 def main(dx: float = 0.02, workers: int = 1) -> None:
     """Runs every sea state with two seeds; finished runs are read from their files."""
-    done = js.power_matrix(
-        study_case(dx), HS, TP, RUNS / f"annual_power_{dx:g}.h5", seeds=SEEDS, workers=workers
-    )
-    Hs, Tp = np.meshgrid(HS, TP, indexing="ij")
-    table = js.ScatterTable(Hs.ravel(), Tp.ravel(), np.ravel(SHARES))
+    done = matrix(dx, workers)
     with Report(f"annual_power_{dx:g}", "Power matrix of the OWC in irregular seas", dx) as report:
         for i, H in enumerate(HS):
             for j, T in enumerate(TP):
@@ -52,7 +60,7 @@ def main(dx: float = 0.02, workers: int = 1) -> None:
         error = done.error / done.P
         report.row("smallest standard error of a cell", float(100.0 * error.min()), "%")
         report.row("largest standard error of a cell", float(100.0 * error.max()), "%")
-        mean, linear = done.annual(table), float(np.sum(np.array(SHARES) * done.linear))
+        mean, linear = done.annual(table()), float(np.sum(np.array(SHARES) * done.linear))
         report.row("annual mean power", mean.value, "W/m", theory=linear)
         report.row("standard error of the annual mean power", mean.error, "W/m")
         report.picture(draw_matrix(done))

@@ -120,9 +120,13 @@ class Way(enum.StrEnum):
     ensemble = enum.auto()
     filtered = enum.auto()
     exact = enum.auto()
+    model = enum.auto()
 
     def of(self, spread: float, members: int, out: Path | None = None) -> Any:
-        """Method of `jaxsph.study` with this name; only an ensemble uses the arguments."""
+        """Method of `jaxsph.study` with this name; only an ensemble uses the arguments.
+
+        **Raises** CaseError for `model`, which is a method of a search, but not of a slope.
+        """
         import jaxsph as js
 
         match self:
@@ -132,13 +136,19 @@ class Way(enum.StrEnum):
                 return js.Filtered()
             case Way.exact:
                 return js.Exact()
+            case Way.model:
+                raise CaseError(
+                    "--method model: a fast model proposes parameters in a search (jaxsph optimise); for a "
+                    "slope use ensemble, filtered or exact"
+                )
 
 
 Method = Annotated[
     Way,
     typer.Option(
         help="ensemble: many runs, gives a standard error; filtered: one run, gives a biased slope; "
-        "exact: one run, useful only if t1 is a fraction of a second."
+        "exact: one run, useful only if t1 is a fraction of a second; model: of jaxsph optimise only, a fast "
+        "model of an oscillating water column that a few runs correct."
     ),
 ]
 

@@ -31,8 +31,8 @@ NAMES = {
     "flow": ("amplitude of the flow of air", "m2/s"),
 }
 """Results of a fast model that the commands print, with their units."""
-POWER = "xi"
-"""Result whose relative error is that of the absorbed power too."""
+POWER = "P_owc"
+"""Result whose relative error is that of the efficiency."""
 MOST = 40
 """Largest number of predictions that are printed; more are only written to a file."""
 
@@ -109,16 +109,28 @@ def predict(
             help="Values of one parameter: KEY=0.02,0.04 or KEY=first:last:count. Repeatable.",
         ),
     ] = None,
+    table: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="CSV",
+            help="Scatter table of Hs, Tp and share or hours: predict the mean power over its seas.",
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="FILE", help="CSV file for all predictions.")
     ] = None,
 ) -> None:
-    """Predict efficiency, power, pressure and flow with a fast model, for every combination of values."""
+    """Predict efficiency, power, pressure and flow with a fast model, for every combination of values.
+
+    waves.H and waves.T are the height and period of regular waves; waves.Hs and waves.Tp, given together,
+    those of a sea.
+    """
     import jax
     import jax.numpy as jnp
     import numpy as np
 
     from jaxsph.study.fast_model import FastModel
+    from jaxsph.study.matrix import ScatterTable
 
     with messages(INTERRUPTED):
         fast = FastModel.read(model)
@@ -130,8 +142,17 @@ def predict(
             key: jnp.asarray(values, float)
             for key, values in zip(over, zip(*members, strict=True), strict=True)
         }
-        found = jax.vmap(fast.response)(changes) if over else jax.tree.map(lambda a: a[None], fast.response())
-        values = {name: np.asarray(getattr(found, name)) for name in NAMES}
+        scatter = None if table is None else ScatterTable.read(table)
+
+        def answers(here: dict[str, jax.Array]) -> dict[str, jax.Array]:
+            if scatter is not None:
+                return {POWER: fast.annual(scatter, here)}
+            response = fast.response(here)
+            return {name: getattr(response, name) for name in NAMES}
+
+        every = jax.jit(jax.vmap(answers, axis_size=len(members)))
+        found = every(changes)
+        values = {name: np.asarray(found[name]) for name in NAMES if name in found}  # in this order
         if out is not None:
             _write(out, over, members, values)
         if len(members) <= MOST:
@@ -147,21 +168,20 @@ def _predictions(fast: Any, over: Any, members: list[Any], values: Any) -> list[
     for k, member in enumerate(members):
         label = ", ".join(f"{key} = {value:g}" for key, value in zip(over, member, strict=True))
         texts = []
-        for name, (_, unit) in NAMES.items():
-            value = values[name][k]
-            error = errors.get(name, errors[POWER]) * value
-            texts.append(f"{name} = {value:.4g} +- {error:.2g} {unit}".rstrip())
+        for name, of in values.items():
+            error = errors["xi" if name == POWER else name] * of[k]
+            texts.append(f"{name} = {of[k]:.4g} +- {error:.2g} {NAMES[name][1]}".rstrip())
         rows.append((label or "the case", "; ".join(texts)))
     return rows
 
 
 def _doubts(members: list[Any], values: Any) -> list[str]:
     """Note on predictions that the model does not make."""
-    missing = sum(not value == value for value in values["xi"])
+    missing = sum(not value == value for value in values[POWER])
     if not missing:
         return []
     return [
-        f"{missing} of {len(members)} predictions are nan: the period, or a length of the device, is outside "
+        f"{missing} of {len(members)} predictions are nan: a period, or a length of the device, is outside "
         "the range of the model"
     ]
 
@@ -171,10 +191,9 @@ def _write(out: Path, over: Any, members: list[Any], values: Any) -> None:
     try:
         with out.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
-            writer.writerow(
-                [*over, *(f"{name} ({unit})" if unit else name for name, (_, unit) in NAMES.items())]
-            )
+            units = {name: NAMES[name][1] for name in values}
+            writer.writerow([*over, *(f"{name} ({unit})" if unit else name for name, unit in units.items())])
             for k, member in enumerate(members):
-                writer.writerow([*member, *(f"{values[name][k]:.6g}" for name in NAMES)])
+                writer.writerow([*member, *(f"{of[k]:.6g}" for of in values.values())])
     except OSError as error:
         raise FileError(f"{out}: the predictions cannot be written: {error.strerror}") from None

@@ -99,7 +99,10 @@ def export(
     csv: Annotated[bool, typer.Option("--csv", help="Write CSV files next to FILE (default).")] = False,
     xlsx: Annotated[bool, typer.Option("--xlsx", help="Write an Excel workbook next to FILE.")] = False,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="TABLE", help="Table to write, .csv or .xlsx.")
+        Path | None,
+        typer.Option(
+            "--out", "-o", metavar="TABLE", help="Table to write, .csv or .xlsx; .mat for a power matrix."
+        ),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing tables.")] = False,
     scale: Annotated[
@@ -111,7 +114,7 @@ def export(
         ),
     ] = 1.0,
 ) -> None:
-    """Write the results and readings of a run, or the members of a sweep, as tables for a spreadsheet."""
+    """Write the results and readings of a run, the members of a sweep, or a power matrix, as tables."""
     import jaxsph as js
 
     with messages():

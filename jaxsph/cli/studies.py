@@ -222,7 +222,7 @@ def optimise(  # its arguments are the options of the command
     spread: Annotated[
         float, typer.Option(help="Largest change of the parameter to either side, as a share of its value.")
     ] = 0.3,
-    evaluations: Annotated[int, typer.Option(help="Largest number of points that are evaluated.")] = 10,
+    evaluations: Annotated[int, typer.Option(help="Largest number of points or devices that are run.")] = 10,
     table: Annotated[
         Path | None,
         typer.Option(metavar="CSV", help="Scatter table of Hs, Tp and share or hours, for the annual P_owc."),
@@ -244,16 +244,21 @@ def optimise(  # its arguments are the options of the command
         loaded = load(case, settings, quick, t1)
         out = out if out is not None else Path("runs") / f"{loaded.name}_optimum.h5"
         bounds = each_once((bounds_of(text) for text in over), "--over")
-        way = method.of(spread, members)
-        if table is not None:
-            of, way = "P_owc", js.OverSeas(js.ScatterTable.read(table), way)
+        scatter, of = (None, of) if table is None else (js.ScatterTable.read(table), "P_owc")
         if not quiet:
             _note(loaded, bounds)
-            if method is Way.ensemble:
-                if table is None:
-                    check_result(loaded.problem(), of)
-                announce(loaded, out, evaluations * members, None, None, "at most ")
-        found = js.maximise(loaded, bounds, out, of, way, evaluations=evaluations, progress=not quiet)
+            if method is Way.ensemble and scatter is None:
+                check_result(loaded.problem(), of)
+            if each := {Way.ensemble: members, Way.model: 4}.get(method):
+                announce(loaded, out, evaluations * each + (method is Way.model), None, None, "at most ")
+        limits = {"evaluations": evaluations, "progress": not quiet}
+        if method is Way.model:
+            found = js.search(loaded, bounds, out, of=of, table=scatter, **limits)
+        else:
+            way = method.of(spread, members)
+            found = js.maximise(
+                loaded, bounds, out, of, way if scatter is None else js.OverSeas(scatter, way), **limits
+            )
         print_table([_evaluation(here, of, list(bounds)) for here in found.history])
         highest = max(found.history, key=lambda here: here[of])
         best = ", ".join(f"{key} = {highest[key]:.4g}" for key in bounds)
@@ -285,8 +290,10 @@ def _missing_runs(found: Any) -> str:
 
 
 def _evaluation(here: Mapping[str, float], of: str, keys: Sequence[str]) -> tuple[str, str]:
-    """Texts for one evaluation of a search: parameter values, and the result with its slopes."""
+    """Texts for one evaluation of a search: parameter values, and the result with its slopes or error."""
     place = ", ".join(f"{key} = {here[key]:.4g}" for key in keys)
+    if (error := here.get(f"error {of}")) is not None:
+        return f"{of} at {place}", f"{here[of]:.4g} +- {error:.2g}"
     slopes = "".join(f", slope {here[f'slope {key}']:.3g} +- {here[f'error {key}']:.2g}" for key in keys)
     return f"{of} at {place}", f"{here[of]:.4g}{slopes}"
 

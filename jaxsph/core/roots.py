@@ -1,21 +1,32 @@
-"""Roots of increasing functions of one variable, with exact derivatives."""
+"""Roots of increasing functions of one variable, with exact derivatives, and fixed points."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 
 from jaxsph.core.arrays import Scalar
 
-__all__ = ["increasing_root"]
+__all__ = ["fixed_point", "increasing_root"]
 
 STEPS = 48
 """Number of steps. Every second step halves the interval, so that a root is found to 6e-8 of the interval's
 length where Newton's steps do not converge."""
+
+
+Values = TypeVar("Values")
+
+
+def fixed_point(step: Callable[[Values], Values], start: Values, iterations: int) -> Values:
+    """Values that `step` leaves as they are, found by repeating it from `start` a fixed number of times.
+
+    Derivatives are those of the repetitions, which converge like the values.
+    """
+    return jax.lax.fori_loop(0, iterations, lambda _, values: step(values), start)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))

@@ -17,7 +17,7 @@ from jaxsph.report.content import case_of, coarse_warning, panels
 from jaxsph.report.doubts import doubts_of_members
 from jaxsph.report.labels import in_order, in_words, is_flat, label_of, with_error_in_words
 from jaxsph.report.pack import Pack
-from jaxsph.study.matrix import of_the_sea
+from jaxsph.study.matrix import SEA_AXES, of_the_sea
 
 MOST_LINEAR = 100
 """Number of members above which linear theory is not evaluated."""
@@ -32,8 +32,8 @@ def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:
     keys = tomllib.loads(stored.case_toml)
     flat = is_flat(keys)
     results = over_members(stored.members, stored.shape)
-    search = any(name.startswith("slope ") for name in results)
-    matrix = list(stored.axes) == ["waves.Hs", "waves.Tp", "waves.seed"]
+    search = "method" in stored.about
+    matrix = [*stored.axes] == SEA_AXES
     members = [_member(stored, index, flat, pack) for index in sorted(stored.members)]
     if matrix:
         for one in members:

@@ -1,4 +1,4 @@
-"""Tables of runs and sweeps for spreadsheets: CSV files, or one workbook."""
+"""Tables of runs, sweeps and power matrices: CSV files, one workbook, or a matrix for WEC-Sim."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # which imports its subpackages on first use
 
 from jaxsph.errors import FileError
 from jaxsph.output.dataset import wanted
@@ -17,7 +18,11 @@ from jaxsph.output.run_file import RunFile
 from jaxsph.output.sweep_file import SweepFile
 from jaxsph.report.froude import check_scale, factor
 from jaxsph.report.labels import OF_PROGRAM, components_of, in_order, is_flat, label_of
+from jaxsph.study.matrix import SEA_AXES, PowerMatrix, matrix_of
+from jaxsph.study.sweep import read_sweep
 
+MATRIX = "matrix"
+"""Name of the table of a power matrix."""
 Cell = str | float | None
 """Content of a cell; None leaves it empty."""
 
@@ -34,13 +39,18 @@ class Table(NamedTuple):
 
 
 def tables(path: str | Path, scale: float = 1.0) -> list[Table]:
-    """Tables of a file: results and series of a run, or one row per member of a sweep.
+    """Tables of a file: results and series of a run, one row per member of a sweep, and one row per sea state
+    of a power matrix.
 
-    `scale`: see `export`. **Raises** FileError if the file was not written by jaxsph.
+    `scale`: see `export`; at another scale than the runs', a power matrix has no table of members. **Raises**
+    FileError if the file was not written by jaxsph.
     """
     check_scale(scale)
     if not SweepFile(path).is_one():
         return list(_of_run(RunFile.open(path), scale))
+    if _is_matrix(path):
+        members = [_members(SweepFile(path))] if scale == 1.0 else []
+        return [*members, _sea_states(matrix_of(read_sweep(path)), scale)]
     if scale != 1.0:
         raise FileError(
             f"{path} contains a sweep, whose swept values have no units: omit the scale, or give the file of "
@@ -50,21 +60,28 @@ def tables(path: str | Path, scale: float = 1.0) -> list[Table]:
 
 
 def export(path: str | Path, out: str | Path, overwrite: bool = False, scale: float = 1.0) -> list[Path]:
-    """Writes the tables of a run or a sweep as CSV or as an Excel workbook, depending on the suffix of `out`.
+    """Writes the tables of a run, a sweep or a power matrix, in a format that depends on the suffix of `out`:
+    CSV, an Excel workbook, or for a power matrix a MAT file.
 
     `scale`: lengths of the tables over those of the run; all values of the tables follow by Froude's law.
 
     For a run, the series go to the CSV file `out` and the results to a file with `_results` added to the
-    name, or both to one workbook with two sheets. **Returns** the files. **Raises** FileError if the suffix
-    is neither .csv nor .xlsx, if a file exists and `overwrite` is not set, or if openpyxl, which writes the
-    workbook, is missing.
+    name, or both to one workbook with two sheets. A power matrix goes to `out`, and its runs to a file or
+    sheet called members. The MAT file contains the variable mcr, by which WEC-Sim runs the same sea states
+    (simu.mcrMatFile), and Hs, Tp and the columns of the matrix in the same order. **Returns** the files.
+    **Raises** FileError for another suffix, for a MAT file of something else than a power matrix, if a file
+    exists and `overwrite` is not set, or if openpyxl, which writes the workbook, is missing.
     """
     out = Path(out)
-    if out.suffix not in (".csv", ".xlsx"):
-        raise FileError(f"{out}: the name must end in .csv or .xlsx")
+    if out.suffix not in (".csv", ".xlsx", ".mat"):
+        raise FileError(f"{out}: the name must end in .csv, .xlsx or .mat")
     found = tables(path, scale)
+    if out.suffix == ".mat":
+        found = [one for one in found if one.name == MATRIX]
+        if not found:
+            raise FileError(f"{path}: only a power matrix (jaxsph matrix) can be written as a .mat file")
     *others, last = found
-    files = {out: [*found]} if out.suffix == ".xlsx" else {out: [last]}
+    files = {out: [*found] if out.suffix == ".xlsx" else [last]}
     if out.suffix == ".csv":
         files |= {out.with_name(f"{out.stem}_{one.name}.csv"): [one] for one in others}
     for file in files:
@@ -75,7 +92,7 @@ def export(path: str | Path, out: str | Path, overwrite: bool = False, scale: fl
     for file, content in files.items():
         with tell_write_errors(file):
             file.parent.mkdir(parents=True, exist_ok=True)
-            (_write_book if out.suffix == ".xlsx" else _write_csv)(file, content)
+            {".csv": _write_csv, ".xlsx": _write_book, ".mat": _write_mat}[out.suffix](file, content)
     return sorted(files)
 
 
@@ -133,6 +150,40 @@ def _members(sweep: SweepFile) -> Table:
         at = stored.place(index)
         rows.append([*at.values(), *(one["results"].get(name) for name in ordered), one["failure"] or None])
     return Table("members", head, rows)
+
+
+def _is_matrix(path: str | Path) -> bool:
+    """Whether a file of a sweep is one of a power matrix."""
+    return [*SweepFile(path).read().axes] == SEA_AXES
+
+
+def _sea_states(matrix: PowerMatrix, scale: float) -> Table:
+    """Table with one row per sea state of a power matrix, at `scale` times the lengths of the runs."""
+    columns = {
+        ("waves.Hs", "m"): np.broadcast_to(matrix.Hs[:, None], matrix.P.shape),
+        ("waves.Tp", "s"): np.broadcast_to(matrix.Tp, matrix.P.shape),
+        ("P", matrix.unit): matrix.P,
+        ("P_error", matrix.unit): matrix.error,
+        ("xi", ""): matrix.xi,
+        ("P_linear", matrix.unit): matrix.linear,
+    }
+    head = [f"{name} ({unit})" if unit else name for name, unit in columns]
+    values = [column.ravel() * factor(unit, scale) for (_, unit), column in columns.items()]
+    rows = [
+        [value if np.isfinite(value) else None for value in map(float, row)]
+        for row in zip(*values, strict=True)
+    ]
+    return Table(MATRIX, head, rows)
+
+
+def _write_mat(path: Path, content: Sequence[Table]) -> None:
+    (table,) = content
+    columns = np.array([[np.nan if v is None else v for v in row] for row in table.rows], float).T
+    names = [title.split(" (")[0].removeprefix("waves.") for title in table.head]
+    named = {name: column[:, None] for name, column in zip(names, columns, strict=True)}
+    header = np.array(["waves.height", "waves.period"], object)
+    seas = {"header": header, "cases": np.hstack([named["Hs"], named["Tp"]])}
+    scipy.io.savemat(path, {"mcr": seas, **named})
 
 
 def _write_csv(path: Path, content: Sequence[Table]) -> None:

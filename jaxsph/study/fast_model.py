@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -27,25 +28,32 @@ from jaxsph.case.linear import chamber_geometry, linear_air, why_no_theory
 from jaxsph.case.settling import averages_from, settled_periods
 from jaxsph.errors import CaseError, FileError
 from jaxsph.problem.results import amplitude
+from jaxsph.study.matrix import ScatterTable
 from jaxsph.study.sweep import Sweep, sweep
 from jaxsph.waves.fast_owc import (
     SHARE,
     Additions,
     Air,
+    Incident,
     Response,
     WaterSeries,
     fast_response,
 )
+from jaxsph.waves.spectra import JONSWAP
 
 KEYS = {
     "waves.H": "H",
     "waves.T": "T",
+    "waves.Hs": "Hs",
+    "waves.Tp": "Tp",
     "pto.K_dm": "K_dm",
     "device.draught": "draught",
     "device.chamber_length": "length",
     "device.wall_thickness": "thickness",
 }
 """Parameters of a case that a model can change, with their names in `waves.fast_owc`."""
+REGULAR, SEA = ("waves.H", "waves.T"), ("waves.Hs", "waves.Tp")
+"""Parameters of regular waves and of a sea."""
 VARIED = {
     "waves.H": (1.0, 1.0, 1.5, 0.75, 1.25),
     "waves.T": (1.0, 5 / 6, 7 / 6, 4 / 3, 11 / 12),
@@ -57,8 +65,9 @@ READ = {"xi": "xi_measured", "P_a": amplitude("P_a"), "flow": amplitude("flow")}
 """Results of a run that a model predicts, by the names in `Response`."""
 LEAST = 4
 """Least number of runs, so that each can be left out of a fit of two values."""
-PERIODS = (0.6, 1.7)
-"""Range of wave periods of a model, relative to the shortest and the longest period of interest (-)."""
+PERIODS = (0.25, 0.6, 2.2)
+"""Range of wave periods of a model, relative to the shortest and the longest period of interest (-): regular
+waves lie between the second and the third value, and all waves of a sea between the first and the third."""
 
 
 class Predicted(NamedTuple):
@@ -76,8 +85,8 @@ class Predicted(NamedTuple):
 
 @dataclass(frozen=True)
 class FastModel:
-    """Model of a case's oscillating water column in regular waves, in JAX: linear theory with a loss at the
-    lip and inertia of the column, which were found from runs."""
+    """Model of a case's oscillating water column in waves, in JAX: linear theory with a loss at the lip and
+    inertia of the column, which were found from runs."""
 
     case: Case
     water: WaterSeries
@@ -99,17 +108,18 @@ class FastModel:
         """
         check(case, {})
         low, high = periods or 2 * (case.value("waves.T"),)
-        reach = PERIODS[0] * low, PERIODS[1] * high
+        reach = PERIODS[0] * low, PERIODS[1] * low, PERIODS[2] * high
         water = WaterSeries.of(chamber_geometry(case), reach, case.g)
         return cls(case, water, Additions(), Additions(), ())
 
     def response(self, changes: Mapping[str, ArrayLike] = {}) -> Response:
-        """Efficiency, powers, flow, pressure and level in regular waves, per metre of width.
+        """Efficiency, powers, flow, pressure and level in regular waves or in a sea, per metre of width.
 
-        `changes`: parameters that differ from those of the case, by the names in `KEYS`. Their values may be
-        traced: a response can be vectorised by `jax.vmap` and differentiated by `jax.grad`. Results are NaN
-        for periods, and for lengths of the device, outside the range of the model. **Raises** CaseError for
-        another parameter.
+        `changes`: parameters that differ from those of the case, by the names in `KEYS`. waves.Hs and
+        waves.Tp, which are given together, choose a sea with a JONSWAP spectrum in the place of the case's
+        regular waves. The values may be traced: a response can be vectorised by `jax.vmap` and differentiated
+        by `jax.grad`. Results are NaN for periods, and for lengths of the device, outside the range of the
+        model. **Raises** CaseError for another parameter, and for a sea whose height or period is missing.
         """
         for key in changes:
             if key not in KEYS:
@@ -117,20 +127,60 @@ class FastModel:
                     f"{key}: a fast model cannot change this parameter; use one of {', '.join(KEYS)}"
                 )
         values = {KEYS[key]: jnp.asarray(value, float) for key, value in changes.items()}
-        H, T = (values.pop(name, getattr(self.case.waves, name)) for name in ("H", "T"))
+        waves = self._incident(values)
         (pto,), linear = self.case.turbines, linear_air(self.case)
         air = Air(values.pop("K_dm", pto.quadratic or 0.0), linear.resistance, linear.give)
-        found = fast_response(self.water, self.added, air, H, T, values, self.case.fluid.rho0)
-        within = self._within(T, values)
+        found = fast_response(self.water, self.added, air, waves, values, self.case.fluid.rho0)
+        within = self._within(waves, values)
         return jax.tree.map(lambda a: jnp.where(within, a, jnp.nan), found)
 
-    def _within(self, T: ArrayLike, lengths: Mapping[str, ArrayLike]) -> jax.Array:
-        """Whether a period and lengths are in the range of the model."""
-        low, high = self.water.omega
-        omega = 2.0 * jnp.pi / jnp.asarray(T, float)
-        found = (omega >= low) & (omega <= high)
+    def annual(self, table: ScatterTable, changes: Mapping[str, ArrayLike] = {}) -> jax.Array:
+        """Mean power absorbed in the seas of a scatter table, weighted by their shares, W per metre of width.
+
+        `changes`: parameters of the device, as in `response`. NaN if a sea is outside the range of the model.
+        **Raises** CaseError for a parameter of the waves, which are those of the table.
+        """
+        for key in changes:
+            if key in REGULAR + SEA:
+                raise CaseError(f"{key}: the waves are those of the scatter table; vary the device only")
+        used = table.share > 0.0
+
+        def power(Hs: jax.Array, Tp: jax.Array) -> jax.Array:
+            return self.response({**changes, "waves.Hs": Hs, "waves.Tp": Tp}).P_owc
+
+        found = jax.vmap(power)(jnp.asarray(table.Hs[used]), jnp.asarray(table.Tp[used]))
+        return jnp.asarray(table.share[used]) @ found
+
+    def moved(self, case: Case) -> FastModel:
+        """The model of a case with other lengths of the device; loss and inertia stay."""
+        T = tuple(2.0 * math.pi / omega for omega in reversed(self.water.omega))
+        water = WaterSeries.of(chamber_geometry(case), T, case.g)
+        # exactly the same bounds, so that compiled functions are shared
+        water = dataclasses.replace(water, omega=self.water.omega)
+        return dataclasses.replace(self, case=case, water=water)
+
+    def _incident(self, values: dict[str, jax.Array]) -> Incident:
+        """Incident waves with the case's or with changed values, which are removed from `values`."""
+        of_sea, of_regular = ({key for key in keys if KEYS[key] in values} for keys in (SEA, REGULAR))
+        if not of_sea:
+            return Incident.regular(
+                *(values.pop(name, getattr(self.case.waves, name)) for name in ("H", "T"))
+            )
+        if of_regular or len(of_sea) < len(SEA):
+            raise CaseError(
+                f"{', '.join(sorted(of_sea | of_regular))}: give {' and '.join(SEA)} together for a sea, or "
+                f"{' and '.join(REGULAR)} for regular waves"
+            )
+        return Incident.sea(values.pop("Hs"), values.pop("Tp"), JONSWAP(1.0, 1.0))
+
+    def _within(self, waves: Incident, lengths: Mapping[str, ArrayLike]) -> jax.Array:
+        """Whether waves and lengths are in the range of the model."""
+        low, middle, high = self.water.omega
+        # seas contain waves of little power, which may be shorter than regular waves
+        most = middle if len(waves.omega) == 1 else high
+        found = (jnp.min(waves.omega) >= low) & (jnp.max(waves.omega) <= most)
         for name, value in lengths.items():
-            usual = getattr(self.water.geometry, name)
+            usual = self.water.lengths[name]
             found &= jnp.abs(jnp.asarray(value) - usual) <= 2.0 * SHARE * usual
         return found
 
@@ -169,8 +219,8 @@ class FastModel:
         try:
             content = json.loads(Path(path).read_text(encoding="utf-8"))
             case = Case.from_dict(content["case"])
-            coefficients = jnp.asarray(np.asarray(content["water"]), jnp.float32)
-            water = WaterSeries(coefficients, tuple(content["omega"]), chamber_geometry(case), case.g)
+            found = np.asarray(content["water"]), tuple(content["omega"])
+            water = WaterSeries.restored(*found, chamber_geometry(case), case.g)
             added, error = (Additions(**content[name]) for name in ("added", "added_error"))
             return cls(case, water, added, error, tuple(Predicted(**one) for one in content["runs"]))
         except OSError as error:
@@ -184,6 +234,7 @@ def calibrate(
     out: str | Path,
     *,
     over: Mapping[str, Sequence[float]] | None = None,
+    periods: tuple[float, float] | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
     progress: bool = True,
@@ -192,14 +243,15 @@ def calibrate(
 
     **Arguments**: `out`: file of the model; the runs are stored beside it, in `<name>_runs.h5`, from which a
     repeated call continues; `over`: parameters of the runs, lists of equal length by the names in `KEYS` for
-    waves and damping; by default five runs around the case (`VARIED`); `workers`, `executor`: see `sweep`.
+    waves and damping; by default five runs around the case (`VARIED`); `periods`: shortest and longest period
+    of interest, s, if they are beyond those of the runs; `workers`, `executor`: see `sweep`.
     **Raises** CaseError, before any run, for a case that linear theory of an oscillating water column does
     not cover; CaseError if fewer than four runs succeed; FileError as `sweep`.
     """
     path, over = Path(out).resolve(), over if over is not None else members_around(case)
     check(case, over)
     runs = sweep(case, over, runs_of(path), grid=False, workers=workers, executor=executor, progress=progress)
-    model = fitted(case, runs)
+    model = fitted(case, runs, periods)
     model.write(path)
     return model
 
@@ -237,21 +289,23 @@ def check(case: Case, over: Mapping[str, Sequence[float]]) -> None:
             )
 
 
-def fitted(case: Case, runs: Sweep) -> FastModel:
-    """Model of a case, fitted to runs. **Raises** CaseError if fewer than `LEAST` runs succeeded."""
+def fitted(case: Case, runs: Sweep, periods: tuple[float, float] | None = None) -> FastModel:
+    """Model of a case, fitted to runs; `periods` as in `calibrate`. **Raises** CaseError if fewer than
+    `LEAST` runs succeeded."""
     found = [_read(runs, k) for k in range(len(next(iter(runs.axes.values())))) if (k,) not in runs.failures]
     if len(found) < LEAST:
         texts = "; ".join(f"{runs.words(k)}: {text}" for k, text in runs.failures.items())
         raise CaseError(f"only {len(found)} runs succeeded, and {LEAST} are needed. {texts}")
     T = [({"waves.T": case.value("waves.T")} | one.changes)["waves.T"] for one in found]
+    T += periods or ()
     theory = FastModel.of_theory(case, (min(T), max(T)))
-    fit = _Fit(theory)
-    added, error = fit.to(found)
+    fit = _Fit(theory, found)
+    added, error = fit.to(np.ones(len(found)))
     predicted = []
     for k, one in enumerate(found):
-        others, _ = fit.to(found[:k] + found[k + 1 :])
-        at = fit.responses(others, _changes([one]))
-        left_out = {name: float(getattr(at, name)[0]) for name in READ}
+        others, _ = fit.to(np.arange(len(found)) != k)
+        at = fit.responses(others)
+        left_out = {name: float(getattr(at, name)[k]) for name in READ}
         predicted.append(one._replace(left_out=left_out))
     return dataclasses.replace(theory, added=added, added_error=error, runs=tuple(predicted))
 
@@ -277,33 +331,34 @@ def _result(runs: Sweep, name: str, k: int) -> float:
 
 
 class _Fit:
-    """Fits of a model's loss and inertia to runs, which share compiled functions."""
+    """Fits of a model's loss and inertia to some of several runs, which share compiled functions."""
 
-    def __init__(self, model: FastModel) -> None:
+    def __init__(self, model: FastModel, runs: Sequence[Predicted]) -> None:
         """Fits of the loss and inertia of `model`, in which they are zero."""
-
-        def responses(added: Additions, changes: dict[str, jax.Array]) -> Response:
-            return jax.vmap(dataclasses.replace(model, added=added).response)(changes)
-
-        def residuals(x: jax.Array, changes: dict[str, jax.Array], usual: jax.Array) -> jax.Array:
-            found = responses(Additions(x[0], x[1]), changes)
-            return jnp.ravel(jnp.stack([getattr(found, name) for name in READ], 1) / usual - 1.0)
-
-        self.responses = jax.jit(responses)
-        """Responses of a model with this loss and inertia to the changes of several runs, `[R]`."""
-        self._residuals, self._slopes = jax.jit(residuals), jax.jit(jax.jacfwd(residuals))
-
-    def to(self, runs: Sequence[Predicted]) -> tuple[Additions, Additions]:
-        """Loss and inertia that fit runs best, and their standard errors.
-
-        The sum of the squares of the results' relative errors is the least. The standard errors follow from
-        the scatter of these errors.
-        """
         changes = _changes(runs)
         usual = jnp.asarray([[one.results[name] for name in READ] for one in runs])
 
+        def responses(added: Additions) -> Response:
+            return jax.vmap(dataclasses.replace(model, added=added).response)(changes)
+
+        def residuals(x: jax.Array, weights: jax.Array) -> jax.Array:
+            found = responses(Additions(x[0], x[1]))
+            off = jnp.stack([getattr(found, name) for name in READ], 1) / usual - 1.0
+            return jnp.ravel(off * weights[:, None])
+
+        self.responses = jax.jit(responses)
+        """Responses of a model with this loss and inertia in the waves of the runs, `[R]`."""
+        self._residuals, self._slopes = jax.jit(residuals), jax.jit(jax.jacfwd(residuals))
+
+    def to(self, weights: NDArray) -> tuple[Additions, Additions]:
+        """Loss and inertia that fit the runs with weight 1 best, and their standard errors.
+
+        The sum of the squares of the results' relative errors is the least. The standard errors follow from
+        the scatter of these errors. The weights of the other runs are 0.
+        """
+
         def of(function: Callable[..., jax.Array]) -> Callable[[NDArray], NDArray]:
-            return lambda x: np.asarray(function(jnp.asarray(x), changes, usual), float)
+            return lambda x: np.asarray(function(jnp.asarray(x), jnp.asarray(weights, float)), float)
 
         best = scipy.optimize.least_squares(
             of(self._residuals),
@@ -312,7 +367,7 @@ class _Fit:
             bounds=([0.0, -0.5], [np.inf, 2.0]),
             x_scale=[1.0, 0.1],
         )
-        freedom = best.fun.size - best.x.size
+        freedom = np.count_nonzero(weights) * len(READ) - best.x.size
         covariance = np.linalg.pinv(best.jac.T @ best.jac) * (2.0 * best.cost / freedom)
         return Additions(*map(float, best.x)), Additions(*map(float, np.sqrt(np.diag(covariance))))
 

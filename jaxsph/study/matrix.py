@@ -21,6 +21,8 @@ from jaxsph.case.results import mean_of_power
 from jaxsph.errors import CaseError
 from jaxsph.study.sweep import MOST_MEMBERS, Sweep, sweep
 
+SEA_AXES = ["waves.Hs", "waves.Tp", "waves.seed"]
+"""Parameters of the sweep of a power matrix, in order."""
 HOURS = 8766.0
 """Number of hours in a mean year of 365.25 days."""
 MOST_NAMED = 10
@@ -225,7 +227,7 @@ def _first_failure(done: Sweep) -> str:
 
 def matrix_of(done: Sweep) -> PowerMatrix:
     """Power matrix of a sweep over waves.Hs, Tp and seed. **Raises** CaseError for other sweeps."""
-    if [*done.axes] != ["waves.Hs", "waves.Tp", "waves.seed"]:
+    if [*done.axes] != SEA_AXES:
         raise CaseError(
             "a power matrix needs a sweep over waves.Hs, waves.Tp and waves.seed, and not over "
             f"{', '.join(done.axes)}"

@@ -7,7 +7,7 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -36,7 +36,72 @@ class Maximum:
     reason: str
     """Reason why the search ended."""
     history: list[dict[str, float]]
-    """Evaluations: parameter values, the result, and "slope KEY" and "error KEY" for each parameter."""
+    """Evaluations: parameter values, the result, and "slope KEY" and "error KEY" for each parameter (in
+    `search`, "error RESULT")."""
+
+    @classmethod
+    def of_best(
+        cls, source: Source, names: Sequence[str], of: str, reason: str, history: list[dict[str, float]]
+    ) -> Maximum:
+        """The best of the evaluations of a search over the parameters `names`."""
+        best = max(history, key=lambda found: found[of])
+        return cls(source.replace({name: best[name] for name in names}), of, best[of], reason, history)
+
+
+class Record(NamedTuple):
+    """File of the evaluations of a search, with the folder of the files of its runs."""
+
+    path: Path
+    source: Source
+    names: list[str]
+    """Parameters that the search varies."""
+    about: dict[str, Any]
+    """Result and method of the search."""
+    runs: str
+    """End of the name of the folder."""
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the files of the runs."""
+        return self.path.with_name(f"{self.path.name}.{self.runs}")
+
+    def begin(self) -> list[dict[str, float]]:
+        """Marks the folder as belonging to this search; returns the evaluations that the file contains.
+
+        **Raises** FileError if the file or the folder belongs to another search.
+        """
+        now = identity(self.source.to_toml()) | {"parameters": self.names} | self.about
+        known, file = [], SweepFile(self.path)
+        if self.path.exists():
+            stored = file.read()
+            before = stored_identity(self.path, stored.case_toml, stored.version)
+            before = before | {"parameters": [*stored.axes]} | stored.about
+            refuse_other(self.path, "another search", before, now)
+            known = [
+                {name: float(values[i]) for name, values in stored.axes.items()} | member["results"]
+                for i, member in sorted(stored.members.items())
+            ]
+        mark = self.folder / "search.json"
+        if self.folder.exists() and any(self.folder.iterdir()):
+            try:
+                marked = json.loads(mark.read_text(encoding="utf-8"))
+            except (OSError, ValueError):
+                marked = {}
+            refuse_other(self.folder, "evaluations of another search", marked, now)
+        with tell_write_errors(self.folder):
+            self.folder.mkdir(exist_ok=True)
+            mark.write_text(json.dumps(now), encoding="utf-8")
+        return known
+
+    def write(self, history: Sequence[Mapping[str, float]]) -> None:
+        """Writes all evaluations. **Raises** FileError if the file cannot be written."""
+        axes = {name: np.array([found[name] for found in history]) for name in self.names}
+        members = {
+            i: {"results": {k: v for k, v in found.items() if k not in axes}, "series": {}, "failure": ""}
+            for i, found in enumerate(history)
+        }
+        shape = (len(history),)
+        SweepFile(self.path).write(self.source.to_toml(), axes, shape, members, Meanings(), self.about)
 
 
 def maximise(
@@ -66,27 +131,25 @@ def maximise(
     if evaluations < 1:
         raise CaseError(f"evaluations = {evaluations}: must be 1 or more")
     source = source_of(given)
-    _check_bounds(source, over)
+    check_bounds(source, over)
     check_result(source.problem(), of)
     method = Ensemble() if method is None else method
     with only_study(Path(out)):
-        return _climb(source, over, SweepFile(out), of, method, optimiser, evaluations, progress)
+        record = Record(Path(out), source, [*over], {"of": of} | method.identity(), "evaluations")
+        return _climb(source, over, record, of, method, optimiser, evaluations, progress)
 
 
 def _climb(
     source: Source,
     over: Mapping[str, tuple[float, float]],
-    file: SweepFile,
+    record: Record,
     of: str,
     method: AbstractMethod,
     optimiser: optax.GradientTransformation | None,
     evaluations: int,
     progress: bool,
 ) -> Maximum:
-    names, folder = [*over], file.path.with_name(f"{file.path.name}.evaluations")
-    about = {"of": of} | method.identity()
-    known = _known_evaluations(file, source, names, about)
-    _check_folder(folder, identity(source.to_toml()) | {"parameters": names} | about)
+    names, known = record.names, record.begin()
     if optimiser is None:
         optimiser = optax.adam(optax.exponential_decay(0.6, 1, 0.82), b1=0.5)
     bounds = np.log([over[name] for name in names])
@@ -100,10 +163,10 @@ def _climb(
             found = known[k]
         else:
             known = known[:k]
-            found = _evaluate(source.replace(here), here, of, method, folder / f"{k:02d}", progress)
+            found = _evaluate(source.replace(here), here, of, method, record.folder / f"{k:02d}", progress)
         history.append(found)
         if k >= len(known):
-            _write_evaluations(file, source, names, history, about)
+            record.write(history)
         slopes = np.array([found[f"slope {name}"] * here[name] for name in names])
         errors = np.array([found[f"error {name}"] * here[name] for name in names])
         outward = np.where(slopes > 0, z >= bounds[:, 1] - 1e-9, z <= bounds[:, 0] + 1e-9)
@@ -114,9 +177,8 @@ def _climb(
         # a slope that points out of the bounds does not move its parameter
         step, memory = optimiser.update(jnp.asarray(np.where(outward, 0.0, -slopes)), memory, jnp.asarray(z))
         z = np.clip(z + np.asarray(step), bounds[:, 0], bounds[:, 1])
-    best = max(history, key=lambda found: found[of])
-    shutil.rmtree(folder, ignore_errors=True)
-    return Maximum(source.replace({name: best[name] for name in names}), of, best[of], reason, history)
+    shutil.rmtree(record.folder, ignore_errors=True)
+    return Maximum.of_best(source, names, of, reason, history)
 
 
 def _reason(outward: np.ndarray, zero: np.ndarray) -> str:
@@ -128,7 +190,8 @@ def _reason(outward: np.ndarray, zero: np.ndarray) -> str:
     return "every parameter is at a bound or has a slope of zero within its error"
 
 
-def _check_bounds(source: Source, over: Mapping[str, tuple[float, float]]) -> None:
+def check_bounds(source: Source, over: Mapping[str, tuple[float, float]]) -> None:
+    """**Raises** CaseError for no bounds, or bounds that are not positive or exclude the source's value."""
     if not over:
         raise CaseError("a search needs at least one parameter, with its bounds")
     for name, (low, high) in over.items():
@@ -149,47 +212,3 @@ def _evaluate(
         one = derivative(source, name, of, kept, progress)
         found |= {of: one.value, f"slope {name}": one.slope, f"error {name}": one.error or 0.0}
     return found
-
-
-def _check_folder(folder: Path, search: Mapping[str, Any]) -> None:
-    """Marks the folder of the evaluations as belonging to this search.
-
-    **Raises** FileError if the folder belongs to another search.
-    """
-    mark = folder / "search.json"
-    if folder.exists() and any(folder.iterdir()):
-        try:
-            stored = json.loads(mark.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            stored = {}
-        refuse_other(folder, "evaluations of another search", stored, search)
-    with tell_write_errors(folder):
-        folder.mkdir(exist_ok=True)
-        mark.write_text(json.dumps(search), encoding="utf-8")
-
-
-def _known_evaluations(
-    file: SweepFile, source: Source, names: Sequence[str], about: Mapping[str, Any]
-) -> list[dict[str, float]]:
-    if not file.path.exists():
-        return []
-    stored = file.read()
-    before = stored_identity(file.path, stored.case_toml, stored.version)
-    before = before | {"parameters": [*stored.axes]} | stored.about
-    now = identity(source.to_toml()) | {"parameters": [*names]} | dict(about)
-    refuse_other(file.path, "another search", before, now)
-    return [
-        {name: float(values[i]) for name, values in stored.axes.items()} | member["results"]
-        for i, member in sorted(stored.members.items())
-    ]
-
-
-def _write_evaluations(
-    file: SweepFile, source: Source, names: Sequence[str], history: list[dict], about: Mapping[str, Any]
-) -> None:
-    axes = {name: np.array([found[name] for found in history]) for name in names}
-    members = {
-        i: {"results": {k: v for k, v in found.items() if k not in names}, "series": {}, "failure": ""}
-        for i, found in enumerate(history)
-    }
-    file.write(source.to_toml(), axes, (len(history),), members, Meanings(), about)

@@ -1,9 +1,13 @@
-"""Fast model of an onshore oscillating water column in regular waves: linear theory with a loss, in JAX.
+"""Fast model of an onshore oscillating water column in waves: linear theory with a loss, in JAX.
 
-The flow of air q out of the chamber and its pressure p follow from the equations of `waves.linear_owc`, with
-two additions: the head lost at the lip, zeta rho |v| v / 2 with the column's velocity v = q / b, which acts
-beside compressible air too, and an additional length of the column, which stands for inertia that the theory
-lacks. Neither is known beforehand; both are found from runs of the water (`study.fast_model`).
+The flow of air q out of the chamber and its pressure p follow, for each wave of a sea, from the equations of
+`waves.linear_owc`, with two additions: the head lost at the lip, zeta rho |v| v / 2 with the column's
+velocity v = q / b, which acts beside compressible air too, and an additional length of the column, which
+stands for inertia that the theory lacks. Neither is known beforehand; both are found from runs of the water
+(`study.fast_model`).
+
+Quadratic laws are replaced by linear ones that take the same mean power, from a sinusoidal flow in regular
+waves, from a Gaussian flow in a sea (`waves.linear_sea`).
 
 The water's response is solved once at several frequencies and lengths of the chamber (`WaterSeries.of`, on
 the host) and interpolated, so that an answer takes a fraction of a millisecond and can be differentiated with
@@ -13,75 +17,93 @@ respect to the waves, the damping and the chamber.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxsph.core.arrays import Array, Float, Scalar
-from jaxsph.core.roots import increasing_root
+from jaxsph.core.roots import fixed_point
 from jaxsph.waves import theory
 from jaxsph.waves.radiation import ChamberGeometry, radiation_and_scattering
+from jaxsph.waves.spectra import HIGHEST, LOWEST, AbstractSpectrum
 
 LENGTHS = ("draught", "length", "thickness")
 """Lengths of a `ChamberGeometry` that may change."""
 SHARE = 0.1
 """Change of each length at which the water's response is solved besides the given one, relative to it (-)."""
 NODES = 16
-"""Number of frequencies at which the water's response is solved."""
-
-_EQUAL = 8.0 / (3.0 * math.pi)
-"""Ratio of the resistance with the same mean power to that of a quadratic law at the flow's amplitude (-)."""
-BEYOND = 100.0
-"""Bound of the flow through the turbine, relative to that of an open chamber in linear theory (-)."""
+"""Number of frequencies at which the water's response is solved, in each range."""
+COMPONENTS = 93
+"""Number of waves of a sea."""
+ITERATIONS = 26
+"""Number of iterations for the flow; each at least halves its error, to 2e-8."""
 
 
 class WaterSeries(eqx.Module):
     """Response of the water to waves and to air pressure, over the frequency and the lengths of the chamber.
 
-    Chebyshev series of the frequency; a parabola through three values of each length, whose changes add up.
+    Chebyshev series of the frequency in each range of frequencies; a parabola through three values of each
+    length, whose changes add up.
     """
 
-    coefficients: Float[Array, "V C 4"]
-    """Coefficients of the series for each set of lengths: the given ones, then each length of `LENGTHS`
-    reduced and increased; for the real and imaginary parts of 1 / q_R (1/m) and q_S / q_R (1/s)."""
-    omega: tuple[float, float] = eqx.field(static=True)
-    """Least and largest angular frequency, rad/s."""
-    geometry: ChamberGeometry = eqx.field(static=True)
-    """The given lengths, m."""
+    coefficients: Float[Array, "P V C 4"]
+    """Coefficients of the series of each range, for each set of lengths: the given ones, then each length of
+    `LENGTHS` reduced and increased; for the real and imaginary parts of 1 / q_R (1/m) and q_S / q_R (1/s)."""
+    lengths: dict[str, float]
+    """The given lengths of `LENGTHS`, m."""
+    omega: tuple[float, ...] = eqx.field(static=True)
+    """Bounds of the ranges of angular frequency, ascending, rad/s."""
+    depth: float = eqx.field(static=True)
+    """Depth of the water, m."""
     g: float = eqx.field(static=True, default=theory.GRAVITY)
     """Acceleration of gravity, m/s2."""
 
     @classmethod
-    def of(cls, geometry: ChamberGeometry, T: tuple[float, float], g: float = theory.GRAVITY) -> WaterSeries:
-        """Series for wave periods T from the first to the second (s); solves some 200 flows in seconds."""
-        low, high = (2.0 * math.pi / one for one in reversed(T))
+    def of(cls, geometry: ChamberGeometry, T: tuple[float, ...], g: float = theory.GRAVITY) -> WaterSeries:
+        """Series for the ranges of wave period between the successive values of T (s, ascending); solves some
+        100 flows for each, in a second."""
+        omega = tuple(2.0 * math.pi / one for one in reversed(T))
         places = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
-        nodes = 0.5 * (low + high) + 0.5 * (high - low) * places
         basis = np.cos(np.arange(NODES)[:, None] * np.arccos(places)) * (2.0 / NODES)
         basis[0] *= 0.5
-        found = [basis @ _responses(one, nodes, g) for one in _around(geometry)]
-        return cls(jnp.asarray(np.array(found), jnp.float32), (low, high), geometry, g)
+        found = []
+        for low, high in itertools.pairwise(omega):
+            nodes = 0.5 * (low + high) + 0.5 * (high - low) * places
+            found.append([basis @ _responses(one, nodes, g) for one in _around(geometry)])
+        return cls.restored(np.array(found), omega, geometry, g)
+
+    @classmethod
+    def restored(
+        cls, coefficients: np.ndarray, omega: tuple[float, ...], geometry: ChamberGeometry, g: float
+    ) -> WaterSeries:
+        """Series with coefficients that were found before, for the given lengths."""
+        usual = {name: float(getattr(geometry, name)) for name in LENGTHS}
+        return cls(jnp.asarray(coefficients, jnp.float32), usual, omega, geometry.depth, g)
 
     def at(self, omega: Scalar, lengths: dict[str, Scalar]) -> tuple[Array, Array]:
         """Complex flows q_R (m) and q_S (m/s) at an angular frequency (rad/s).
 
         `lengths`: lengths that differ from the given ones, m, by the names in `LENGTHS`.
         """
-        low, high = self.omega
+        bounds = jnp.asarray(self.omega)
+        piece = jnp.searchsorted(bounds[1:-1], omega)
+        series, low, high = self.coefficients[piece], bounds[piece], bounds[piece + 1]
         x = (2.0 * omega - low - high) / (high - low)
-        before, last = jnp.zeros(self.coefficients[:, 0].shape), jnp.zeros(self.coefficients[:, 0].shape)
+        before, last = jnp.zeros(series[:, 0].shape), jnp.zeros(series[:, 0].shape)
         for k in range(NODES - 1, 0, -1):  # Clenshaw's recurrence
-            before, last = last, 2.0 * x * last - before + self.coefficients[:, k]
-        values = x * last - before + self.coefficients[:, 0]
+            before, last = last, 2.0 * x * last - before + series[:, k]
+        values = x * last - before + series[:, 0]
         found = values[0]
         for k, name in enumerate(LENGTHS):
-            usual, less, more = getattr(self.geometry, name), values[1 + 2 * k], values[2 + 2 * k]
-            step = SHARE * usual
-            s = (lengths.get(name, usual) - usual) / step if step else 0.0
+            usual, less, more = self.lengths[name], values[1 + 2 * k], values[2 + 2 * k]
+            step = jnp.where(usual == 0.0, 1.0, SHARE * usual)
+            s = (lengths.get(name, usual) - usual) / step
             found = found + 0.5 * s * (more - less) + 0.5 * s * s * (more - 2.0 * values[0] + less)
         q_R = 1.0 / (found[0] + 1j * found[1])
         return q_R, q_R * (found[2] + 1j * found[3])
@@ -115,8 +137,51 @@ class Additions(NamedTuple):
     """Additional length of the column, relative to the draught (-)."""
 
 
+class Law(NamedTuple):
+    """Averages of a quadratic law over time, for a flow whose mean square is half of that of its size."""
+
+    equal: float
+    """Ratio of the linear resistance with the same mean power to that of the law at the flow's size (-)."""
+    square: float
+    """Mean square of the law's pressure over that of its value at the flow's size, times two (-)."""
+
+
+class Incident(NamedTuple):
+    """Incident waves, and the averages of a quadratic law in a flow that they cause."""
+
+    amplitude: Float[Array, " N"]
+    """Amplitudes of the waves, m."""
+    omega: Float[Array, " N"]
+    """Their angular frequencies, rad/s."""
+    law: Law
+
+    @classmethod
+    def regular(cls, H: ArrayLike, T: ArrayLike) -> Incident:
+        """Regular waves of height H (m) and period T (s), in which a flow is sinusoidal."""
+        equal = 8.0 / (3.0 * math.pi)
+        # the size is the amplitude, and of the pressure only the part at the waves' frequency is kept
+        return cls(0.5 * jnp.atleast_1d(H), 2.0 * jnp.pi / jnp.atleast_1d(T), Law(equal, equal**2))
+
+    @classmethod
+    def sea(cls, Hs: ArrayLike, Tp: ArrayLike, shape: AbstractSpectrum) -> Incident:
+        """Sea of significant height Hs (m) and peak period Tp (s) with the shape of a spectrum, in which a
+        flow is Gaussian."""
+        ratio = np.linspace(LOWEST, HIGHEST, COMPONENTS)
+        share = shape.shape(ratio)
+        amplitude = np.sqrt(share / np.sum(share) / 8.0)  # half of the sum of squares is (Hs / 4)^2
+        # the size is sqrt(2) sigma: E|q|^3 = sqrt(8 / pi) sigma^3, E q^4 = 3 sigma^4
+        return cls(
+            jnp.asarray(amplitude, jnp.float32) * Hs,
+            jnp.asarray(2.0 * np.pi * ratio, jnp.float32) / Tp,
+            Law(2.0 / math.sqrt(math.pi), 1.5),
+        )
+
+
 class Response(NamedTuple):
-    """Response of an oscillating water column to regular waves, per metre of width."""
+    """Response of an oscillating water column to waves, per metre of width.
+
+    In a sea the amplitudes are sqrt(2) times the standard deviations.
+    """
 
     xi: Array
     """Hydrodynamic efficiency (-)."""
@@ -127,7 +192,7 @@ class Response(NamedTuple):
     flow: Array
     """Amplitude of the flow of air out of the chamber, m2/s."""
     P_a: Array
-    """Amplitude of the air's pressure at the waves' frequency, Pa."""
+    """Amplitude of the air's pressure, in regular waves at their frequency, Pa."""
     level: Array
     """Amplitude of the column's mean elevation, m."""
     P_lost: Array
@@ -149,49 +214,52 @@ def fast_response(
     water: WaterSeries,
     added: Additions,
     air: Air,
-    H: Scalar,
-    T: Scalar,
+    waves: Incident,
     lengths: dict[str, Scalar],
     rho0: float,
 ) -> Response:
-    """Response of a column to regular waves of height H (m) and period T (s).
+    """Response of a column to incident waves.
 
-    Quadratic laws are replaced by linear ones that take the same mean power from a sinusoidal flow.
     `lengths`: lengths of the chamber that differ from those of the series, m, by the names in `LENGTHS`;
     `rho0`: density, kg/m3.
     """
-    omega, g = 2.0 * jnp.pi / T, water.g
-    q_R, q_S = water.at(omega, lengths)
-    usual = {name: getattr(water.geometry, name) for name in LENGTHS}
-    b, a = ((usual | lengths)[name] for name in ("length", "draught"))
+    omega, g = waves.omega, water.g
+    q_R, q_S = jax.vmap(lambda one: water.at(one, lengths))(omega)
+    b, a = ((water.lengths | lengths)[name] for name in ("length", "draught"))
     circuit = _Circuit(
-        drive=0.5 * H * q_S,
+        drive=waves.amplitude * q_S,
         Z=-1j * omega / (rho0 * g) * q_R,
         inertia=-1j * omega * rho0 * added.length * a / b,
-        lip=jnp.asarray(_EQUAL * 0.5 * rho0 * added.lip / b**2),
+        lip=jnp.asarray(waves.law.equal * 0.5 * rho0 * added.lip / b**2),
         resistance=jnp.asarray(air.resistance, jnp.float32),
-        turbine=_EQUAL * jnp.asarray(air.K_dm) ** 2,
+        turbine=waves.law.equal * jnp.asarray(air.K_dm) ** 2,
         softness=1j * omega * air.give,
     )
-    most = BEYOND * jnp.abs(circuit.drive)
-    size = increasing_root(_Circuit.excess, jnp.zeros_like(most), most, circuit)
-    of_turbine, ratio, column = circuit.resistances(size)
-    flow = size * jnp.abs(ratio)
-    P_owc = 0.5 * of_turbine * size**2
-    P_inc = theory.incident_power(H, T, water.geometry.depth, rho0, g)
+    through, column = circuit.sizes()
+    flow = circuit.flows(through, column)[1]
+    P_owc = 0.5 * (circuit.resistance + circuit.turbine * through) * through**2
+    each = theory.incident_power(2.0 * waves.amplitude, 2.0 * jnp.pi / omega, water.depth, rho0, g)
+    P_inc = jnp.sum(each)
+    linear, quadratic = circuit.resistance * through, circuit.turbine / waves.law.equal * through**2
+    P_a = linear**2 + 2.0 * waves.law.equal * linear * quadratic + waves.law.square * quadratic**2
     return Response(
         xi=P_owc / P_inc,
         P_owc=P_owc,
         P_inc=P_inc,
-        flow=flow,
-        P_a=of_turbine * size,
-        level=flow / (omega * b),
-        P_lost=0.5 * jnp.real(column) * flow**2,
+        flow=column,
+        P_a=jnp.sqrt(P_a),
+        level=_size(flow / (omega * b)),
+        P_lost=0.5 * circuit.lip * column**3,
     )
 
 
+def _size(a: Array) -> Array:
+    """Amplitude of a wave, or sqrt(2) times the standard deviation of a sum of waves."""
+    return jnp.sqrt(jnp.sum(jnp.real(a) ** 2 + jnp.imag(a) ** 2))
+
+
 class _Circuit(NamedTuple):
-    """Water, column, air and turbine at one frequency, as resistances to the flow of air."""
+    """Water, column, air and turbine at each frequency, as resistances to the flow of air."""
 
     drive: Array
     """Flow of an open chamber without losses, m2/s."""
@@ -200,26 +268,33 @@ class _Circuit(NamedTuple):
     inertia: Array
     """Pressure that accelerates the additional length of the column, per flow, Pa s/m2."""
     lip: Array
-    """Resistance of the lip per unit of the column's flow, Pa s2/m4."""
+    """Resistance of the lip per size of the column's flow, Pa s2/m4."""
     resistance: Array
     """Linear resistance of the turbine, Pa s/m2."""
     turbine: Array
-    """Quadratic resistance of the turbine per unit of its flow, Pa s2/m4."""
+    """Quadratic resistance of the turbine per size of its flow, Pa s2/m4."""
     softness: Array
     """Admittance of the air, m2/(s Pa)."""
 
-    def resistances(self, size: Array) -> tuple[Array, Array, Array]:
-        """Turbine's resistance, ratio of the column's flow to the turbine's, and the column's resistance.
+    def flows(self, through: Array, column: Array) -> tuple[Array, Array]:
+        """Flows through the turbine and of the column at each frequency, m2/s, with the resistances at these
+        sizes of the two flows (m2/s)."""
+        turbine = self.resistance + self.turbine * through
+        ratio = 1.0 - self.softness * turbine
+        impedance = ratio * (1.0 + self.Z * (self.inertia + self.lip * column)) + self.Z * turbine
+        of_turbine = self.drive / impedance
+        return of_turbine, ratio * of_turbine
 
-        `size`: amplitude of the flow through the turbine, m2/s.
+    def sizes(self) -> tuple[Array, Array]:
+        """Sizes of the flows through the turbine and of the column, m2/s, that agree with their resistances.
+
+        If a resistance grows by a factor, its flow falls by at most this factor. Hence the geometric mean of
+        the flows before and after a step converges, and at least halves the error of the logarithm.
         """
-        of_turbine = self.resistance + self.turbine * size
-        ratio = 1.0 - self.softness * of_turbine
-        return of_turbine, ratio, self.inertia + self.lip * size * jnp.abs(ratio)
 
-    @staticmethod
-    def excess(size: Array, circuit: _Circuit) -> Array:
-        """Flow of an open chamber that a flow of this size through the turbine needs, minus the drive."""
-        of_turbine, ratio, column = circuit.resistances(size)
-        needed = ratio * (1.0 + circuit.Z * column) + circuit.Z * of_turbine
-        return size * jnp.abs(needed) - jnp.abs(circuit.drive)
+        def step(sizes: tuple[Array, Array]) -> tuple[Array, Array]:
+            through, column = self.flows(*sizes)
+            return jnp.sqrt(sizes[0] * _size(through)), jnp.sqrt(sizes[1] * _size(column))
+
+        open_chamber = _size(self.drive)
+        return fixed_point(step, (open_chamber, open_chamber), ITERATIONS)

@@ -1,0 +1,251 @@
+"""`search`: the best parameters of a device by a fast model, which runs of the water correct.
+
+The model proposes the device with the largest result. This device is run in a few waves, and the model is
+fitted again to these runs, until it promises no more than they have shown.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy  # which imports its subpackages on first use
+from numpy.typing import NDArray
+
+from jaxsph.case.case import Case
+from jaxsph.errors import CaseError
+from jaxsph.study.fast_model import KEYS, LEAST, REGULAR, SEA, FastModel, calibrate, check, members_around
+from jaxsph.study.matrix import ScatterTable
+from jaxsph.study.optimise import Maximum, Record, check_bounds
+from jaxsph.study.ownership import only_study
+from jaxsph.waves.fast_owc import SHARE, Additions, WaterSeries
+
+DEVICE = tuple(key for key in KEYS if key not in REGULAR + SEA)
+"""Parameters that a search can vary."""
+LENGTHS = tuple(key for key in DEVICE if key.startswith("device."))
+"""Those that are lengths."""
+RESULTS = ("xi", "P_owc")
+"""Results that a search can maximise."""
+GAIN = 0.01
+"""Gain that the model must promise for another set of runs, relative to the best value (-)."""
+FACTOR = 2.0
+"""Largest ratio of a damping to that of the case around which a model was fitted, or its inverse (-)."""
+REACH = 1.99 * SHARE
+"""Largest change of a length for which the response of the water is known, relative to the length (-)."""
+STARTS = 256
+"""Number of random points at which the model is evaluated before a gradient search from the best."""
+UNUSED = ("pressure", "velocity")
+"""Probes that the runs do not have: the plate might stand on them."""
+BETWEEN = 30
+"""Number of values of each parameter with which the case is checked before the search."""
+MOVES = 20
+"""Largest number of moves of the model to other lengths in one proposal."""
+
+Vector = NDArray[np.float64]
+"""Logarithms of the parameters."""
+
+
+class _Aim(NamedTuple):
+    """What is maximised, and over which parameters."""
+
+    over: Mapping[str, tuple[float, float]]
+    of: str
+    table: ScatterTable | None
+
+
+def search(
+    case: Case,
+    over: Mapping[str, tuple[float, float]],
+    out: str | Path,
+    *,
+    of: str = "xi",
+    table: ScatterTable | None = None,
+    evaluations: int = 4,
+    workers: int | None = None,
+    progress: bool = True,
+) -> Maximum:
+    """Maximises the efficiency or power of a case's oscillating water column by a fast model of it.
+
+    The first device is that of the case. A fast model is fitted to five runs of it (`calibrate`), and
+    proposes the parameters with the largest result. Four runs of the proposed device follow, to which the
+    model is fitted again. The search ends when a proposal, with lengths rounded to spacings, promises less
+    than 1 % more than the best device so far, and after `evaluations` devices.
+
+    **Arguments**: `over`: bounds (lowest, highest) of the damping and lengths (`DEVICE`); `of`: "xi" or
+    "P_owc" in the case's waves; `table`: scatter table for the mean of P_owc over its seas instead; the runs
+    have regular waves with the mean energy and the mean period of the table. The runs have no probes of
+    pressure and velocity. `out`: the file of the devices; models and runs are stored in `<out>.models`, from
+    which a repeated call continues. `workers`: see `sweep`.
+    **Returns** the best device, whose value is the prediction of the model that was fitted to its runs.
+    "error RESULT" in the `history` is the standard error of this prediction.
+    **Raises** CaseError, before any run, for parameters, results and cases that a fast model does not cover,
+    and if a device at the bounds cannot be built; FileError if `out` belongs to another search, or if another
+    process runs a study with this output.
+    """
+    if evaluations < 1:
+        raise CaseError(f"evaluations = {evaluations}: must be 1 or more")
+    aim, case = _checked(case, over, of, table)
+    about = {"of": aim.of, "method": "model", "bounds": [[*map(float, pair)] for pair in over.values()]}
+    periods = None
+    if table is not None:
+        about["table"] = np.stack([table.Hs, table.Tp, table.share]).tolist()
+        used = table.Tp[table.share > 0.0]
+        periods = float(used.min()), float(used.max())
+    with only_study(Path(out)):
+        record = Record(Path(out), case, [*over], about, "models")
+        record.begin()
+
+        def fit(here: Case, k: int) -> FastModel:
+            runs = {key: values[: None if k == 0 else LEAST] for key, values in members_around(here).items()}
+            return calibrate(
+                here,
+                record.folder / f"{k:02d}.json",
+                over=runs,
+                periods=periods,
+                workers=workers,
+                progress=progress,
+            )
+
+        return _improve(case, aim, record, evaluations, fit)
+
+
+def _improve(
+    case: Case, aim: _Aim, record: Record, evaluations: int, fit: Callable[[Case, int], FastModel]
+) -> Maximum:
+    """The search itself: `fit` runs a device and fits a model to the runs."""
+    history: list[dict[str, float]] = []
+    here, reason = case, f"the limit of {evaluations} devices was reached"
+    proposer = None
+    for k in range(evaluations):
+        model = fit(here, k)
+        proposer = _Proposer(aim, model) if proposer is None else proposer
+        value, at = proposer.of_device(model)
+        history.append({**at, aim.of: value, f"error {aim.of}": model.error["xi"] * value})
+        record.write(history)
+        best = max(one[aim.of] for one in history)
+        here = proposer.best(model)
+        promised, _ = proposer.of_device(model.moved(here))
+        if promised < (1.0 + GAIN) * best:
+            reason = f"the model promises less than {GAIN:.0%} more within the bounds"
+            break
+    return Maximum.of_best(case, [*aim.over], aim.of, reason, history)
+
+
+class _Proposer:
+    """Best parameters by the fast models of one search, which share compiled functions."""
+
+    def __init__(self, aim: _Aim, model: FastModel) -> None:
+        """Best parameters by `model`, and by models that differ in the water, the loss and the inertia."""
+        self._names = [*aim.over]
+        self._bounds = np.log([aim.over[name] for name in self._names])
+
+        def value(x: jax.Array, water: WaterSeries, added: Additions) -> jax.Array:
+            changes = dict(zip(self._names, jnp.exp(x), strict=True))
+            there = dataclasses.replace(model, water=water, added=added)
+            if aim.table is not None:
+                return there.annual(aim.table, changes)
+            return getattr(there.response(changes), aim.of)
+
+        self._several = jax.jit(jax.vmap(value, (0, None, None)))
+        self._falling = jax.jit(jax.value_and_grad(lambda *given: -jnp.log(value(*given))))
+
+    def of_device(self, model: FastModel) -> tuple[float, dict[str, float]]:
+        """Largest result of the device of a model's case, and its parameters.
+
+        The lengths are those of the case, and the damping differs by at most `FACTOR`.
+        """
+        here = self._values(model.case)
+        fixed = np.array([name in LENGTHS for name in self._names])
+        low, high = (
+            np.where(fixed, here, np.clip(here + change, *self._bounds.T))
+            for change in (-np.log(FACTOR), np.log(FACTOR))
+        )
+        value, x = self._climb(model, low, high, here)
+        return value, self._parameters(x)
+
+    def best(self, model: FastModel) -> Case:
+        """Case whose device has the largest result by a model, anywhere within the bounds."""
+        x, case = np.clip(self._values(model.case), *self._bounds.T), model.case
+        for _ in range(MOVES):
+            low, high = self._known(model.water)
+            _, x = self._climb(model, low, high, x)
+            case = case.replace(self._parameters(x))
+            # whether a length stopped where the response of the water is no longer known, not at a bound
+            ends = np.stack([low, high])
+            if not np.any((ends != self._bounds.T) & (np.abs(ends - x) < 1e-3)):
+                break
+            model = model.moved(case)
+        return case
+
+    def _values(self, case: Case) -> Vector:
+        """Logarithms of the parameters of a case as it is built."""
+        return np.log([case.built(name) for name in self._names])
+
+    def _parameters(self, x: Vector) -> dict[str, float]:
+        return dict(zip(self._names, map(float, np.exp(x)), strict=True))
+
+    def _known(self, water: WaterSeries) -> tuple[Vector, Vector]:
+        """Part of the bounds in which the response of the water is known."""
+        low, high = self._bounds.T.copy()
+        for k, name in enumerate(self._names):
+            if name in LENGTHS:
+                usual = water.lengths[KEYS[name]]
+                ends = np.log([(1.0 - REACH) * usual, (1.0 + REACH) * usual])
+                low[k], high[k] = np.clip(ends, *self._bounds[k])
+        return low, high
+
+    def _climb(self, model: FastModel, low: Vector, high: Vector, x: Vector) -> tuple[float, Vector]:
+        """Largest result between two bounds, and where it is; begins at the best of random points and x."""
+        given = model.water, model.added
+        points = low + np.random.default_rng(0).random((STARTS, len(x))) * (high - low)
+        points[0] = np.clip(x, low, high)
+        found = np.asarray(self._several(jnp.asarray(points), *given))
+        if not np.any(np.isfinite(found)):
+            raise CaseError("the fast model has no prediction there: its periods do not cover the waves")
+
+        def falling(x: Vector) -> tuple[float, Vector]:
+            value, slope = self._falling(jnp.asarray(x), *given)
+            return float(value), np.asarray(slope, float)
+
+        best = scipy.optimize.minimize(
+            falling, points[np.nanargmax(found)], method="L-BFGS-B", jac=True, bounds=np.stack([low, high], 1)
+        )
+        x = np.clip(best.x, low, high)
+        return float(np.exp(-falling(x)[0])), x
+
+
+def _checked(
+    case: Case, over: Mapping[str, tuple[float, float]], of: str, table: ScatterTable | None
+) -> tuple[_Aim, Case]:
+    """What is maximised, and the case with the waves of the runs. **Raises** CaseError as `search`."""
+    check(case, {})
+    for name in over:
+        if name not in DEVICE:
+            raise CaseError(f"{name}: a fast model can search in {', '.join(DEVICE)} only")
+    check_bounds(case, over)
+    if table is not None:
+        of, case = "P_owc", case.replace(_regular_waves(table))
+    if of not in RESULTS:
+        raise CaseError(f"of = {of!r}: a fast model predicts {' and '.join(RESULTS)} only")
+    case = case.replace({f"probes.{name}": None for name in UNUSED if case.value(f"probes.{name}")})
+    for corner in itertools.product(*over.values()):
+        case.replace(dict(zip(over, corner, strict=True)))
+    for name, (low, high) in over.items():
+        for value in np.linspace(low, high, BETWEEN):
+            case.replace({name: float(value)})
+    check(case, members_around(case))
+    return _Aim(over, of, table), case
+
+
+def _regular_waves(table: ScatterTable) -> dict[str, float]:
+    """Height (m) of regular waves with the mean energy of the seas of a table, and their mean period (s)
+    weighted by the energy."""
+    energy = table.share * table.Hs**2
+    T = float(np.sum(energy * table.Tp) / np.sum(energy))
+    return {"waves.H": float(np.sqrt(np.sum(energy) / 2.0)), "waves.T": T}

@@ -1,0 +1,145 @@
+"""Searches with fast models: proposals, corrections by runs, refusals and resumed searches."""
+
+import dataclasses
+import functools
+import tomllib
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import jaxsph as js
+from jaxsph.cli.app import app
+from jaxsph.study import search as searching
+from jaxsph.study.fast_model import FastModel, Predicted
+from jaxsph.waves.fast_owc import Additions
+
+CASE = js.load_case("owc").replace(
+    {"dx": 0.04, "probes.gauges": [2.0, 3.0, 3.3, 3.75, 7.4], "probes.pressure": None}
+)
+BOTH = {"pto.K_dm": (100.0, 2500.0), "device.chamber_length": (0.12, 0.3)}
+TABLE = js.ScatterTable(np.array([0.02, 0.04, 0.03]), np.array([1.1, 1.2, 1.4]), np.array([0.2, 0.5, 0.3]))
+FOUND = Predicted({}, 0.04, {"xi": 1.0, "P_a": 1.0, "flow": 1.0}, {"xi": 1.03, "P_a": 1.0, "flow": 1.0})
+
+
+@functools.cache
+def _cached(text, periods):
+    return FastModel.of_theory(js.Case.from_dict(tomllib.loads(text)), periods)
+
+
+def _theory(case, periods=None):
+    """Linear theory of a case as a model."""
+    return _cached(case.to_toml(), periods)
+
+
+def _calibrated(lip):
+    """Stand-in for a calibration: the water has the loss at the lip `lip(length of the chamber)`."""
+    asked = []
+
+    def calibrate(case, out, *, over, periods, **_):
+        asked.append((case, {key: len(values) for key, values in over.items()}))
+        added = Additions(lip(case.value("device.chamber_length")), 0.1)
+        return dataclasses.replace(_theory(case, periods), added=added, runs=(FOUND,))
+
+    return calibrate, asked
+
+
+def _best(lip, case=CASE, of="xi"):
+    """Largest result over the bounds, by brute force over models of each length of the chamber."""
+    found = []
+    for length in np.linspace(0.12, 0.3, 10):
+        model = dataclasses.replace(_theory(case), added=Additions(lip(length), 0.1))
+        model = model.moved(case.replace({"device.chamber_length": float(length)}))
+        K_dm = jnp.geomspace(100.0, 2500.0, 60)
+        xi = jax.vmap(lambda K, m=model: m.response({"pto.K_dm": K}).xi)(K_dm)
+        found.append((float(jnp.max(xi)), float(length), float(K_dm[jnp.argmax(xi)])))
+    return max(found)
+
+
+def test_a_search_finds_the_best_device_of_the_water_and_not_of_the_first_model(tmp_path, monkeypatch):
+    """The loss grows with the length of the chamber, which only the runs of each device show."""
+
+    def lip(length):
+        return 1.5 + 40.0 * max(length - 0.13, 0.0)
+
+    calibrate, asked = _calibrated(lip)
+    monkeypatch.setattr(searching, "calibrate", calibrate)
+    found = js.search(CASE, BOTH, tmp_path / "s.h5", evaluations=6, progress=False)
+    best = _best(lip)[0]
+    assert found.value > 0.98 * best
+    assert found.value == max(one["xi"] for one in found.history)
+    # the stated error is that of the model's predictions, and later devices need fewer runs
+    assert found.history[0]["error xi"] == pytest.approx(0.03 * found.history[0]["xi"])
+    assert [runs["waves.T"] for _, runs in asked] == [5] + [4] * (len(asked) - 1)
+    assert found.case.value("device.chamber_length") != CASE.value("device.chamber_length")
+    assert len(found.history) == len(asked) < 6, found.reason
+
+
+def test_a_search_of_the_damping_alone_needs_one_device(tmp_path, monkeypatch):
+    calibrate, asked = _calibrated(lambda length: 1.8)
+    monkeypatch.setattr(searching, "calibrate", calibrate)
+    found = js.search(CASE, {"pto.K_dm": (300.0, 900.0)}, tmp_path / "s.h5", progress=False)
+    K_dm = jnp.linspace(300.0, 900.0, 601)
+    model = dataclasses.replace(_theory(CASE), added=Additions(1.8, 0.1))
+    xi = jax.vmap(lambda K: model.response({"pto.K_dm": K}).xi)(K_dm)
+    assert found.value == pytest.approx(float(jnp.max(xi)), rel=1e-5)
+    assert found.case.value("pto.K_dm") == pytest.approx(float(K_dm[jnp.argmax(xi)]), rel=0.02)
+    assert len(asked) == 1 and "less than 1% more" in found.reason
+
+
+def test_a_search_over_seas_maximises_the_mean_power(tmp_path, monkeypatch):
+    calibrate, asked = _calibrated(lambda length: 1.8)
+    monkeypatch.setattr(searching, "calibrate", calibrate)
+    bounds = {"pto.K_dm": (100.0, 2500.0)}
+    found = js.search(CASE, bounds, tmp_path / "s.h5", table=TABLE, progress=False)
+    here = asked[0][0].waves
+    assert here.H == pytest.approx(np.sqrt(0.5 * np.sum(TABLE.share * TABLE.Hs**2)))
+    assert 1.1 < here.T < 1.4 and found.of == "P_owc"
+    model = dataclasses.replace(_theory(asked[0][0], (1.1, 1.4)), added=Additions(1.8, 0.1))
+    powers = [float(model.annual(TABLE, {"pto.K_dm": K})) for K in (0.9 * found.case.value("pto.K_dm"),)]
+    assert found.value >= max(powers)
+    each = [
+        float(model.response({"waves.Hs": Hs, "waves.Tp": Tp, "pto.K_dm": 500.0}).P_owc)
+        for Hs, Tp in zip(TABLE.Hs, TABLE.Tp, strict=True)
+    ]
+    assert float(model.annual(TABLE, {"pto.K_dm": 500.0})) == pytest.approx(TABLE.share @ each, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("case", "over", "options", "words"),
+    [
+        (CASE, {"waves.T": (1.0, 1.4)}, {}, r"waves\.T: a fast model can search in pto\.K_dm, device\."),
+        (CASE, {"pto.K_dm": (600.0, 900.0)}, {}, r"bounds must be positive, ascending and contain"),
+        (CASE, BOTH, {"of": "energy_pto"}, r"of = 'energy_pto': a fast model predicts xi and P_owc only"),
+        (CASE, BOTH, {"evaluations": 0}, r"evaluations = 0: must be 1 or more"),
+        (CASE, {"device.draught": (0.1, 0.41)}, {}, r"draught"),
+        (js.load_case("flap_2d"), {"pto.K_dm": (1.0, 2.0)}, {}, r"a fast model needs a device with a turb"),
+    ],
+)
+def test_a_search_that_a_model_does_not_cover_is_refused(tmp_path, case, over, options, words):
+    with pytest.raises(js.CaseError, match=words):
+        js.search(case, over, tmp_path / "s.h5", **options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_files_of_another_search_are_refused(tmp_path, monkeypatch):
+    calibrate, _ = _calibrated(lambda length: 1.8)
+    monkeypatch.setattr(searching, "calibrate", calibrate)
+    js.search(CASE, {"pto.K_dm": (300.0, 900.0)}, tmp_path / "s.h5", progress=False)
+    with pytest.raises(js.FileError, match=r"another search, .*bounds"):
+        js.search(CASE, {"pto.K_dm": (300.0, 800.0)}, tmp_path / "s.h5", progress=False)
+
+
+def test_the_command_searches_with_a_model(tmp_path, monkeypatch):
+    calibrate, _ = _calibrated(lambda length: 1.8)
+    monkeypatch.setattr(searching, "calibrate", calibrate)
+    monkeypatch.chdir(tmp_path)
+    over = ["--over", "pto.K_dm=100:2500", "--method", "model"]
+    done = CliRunner().invoke(app, ["optimise", "owc", "--set", "dx=0.04", *over, "--quiet"])
+    assert done.exit_code == 0, done.output
+    assert "best: xi = " in done.output and "less than 1% more" in done.output
+    assert " +- " in done.output and (tmp_path / "runs" / "owc_optimum.html").exists()
+    done = CliRunner().invoke(app, ["slope", "owc", "--over", "pto.K_dm", "--method", "model"])
+    assert done.exit_code == 2 and "proposes parameters in a search" in done.output
