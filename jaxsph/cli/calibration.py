@@ -143,14 +143,7 @@ def predict(
             for key, values in zip(over, zip(*members, strict=True), strict=True)
         }
         scatter = None if table is None else ScatterTable.read(table)
-
-        def answers(here: dict[str, jax.Array]) -> dict[str, jax.Array]:
-            if scatter is not None:
-                return {POWER: fast.annual(scatter, here)}
-            response = fast.response(here)
-            return {name: getattr(response, name) for name in NAMES}
-
-        every = jax.jit(jax.vmap(answers, axis_size=len(members)))
+        every = jax.jit(jax.vmap(lambda here: _answers(fast, scatter, here), axis_size=len(members)))
         found = every(changes)
         values = {name: np.asarray(found[name]) for name in NAMES if name in found}  # in this order
         if out is not None:
@@ -160,6 +153,14 @@ def predict(
         print_notes(_doubts(members, values))
         if out is not None:
             typer.echo(f"recorded in {out}")
+
+
+def _answers(fast: Any, scatter: Any, changes: dict[str, Any]) -> dict[str, Any]:
+    """Predictions by name; with a scatter table only the mean power over its seas."""
+    if scatter is not None:
+        return {POWER: fast.annual(scatter, changes)}
+    response = fast.response(changes)
+    return {name: getattr(response, name) for name in NAMES}
 
 
 def _predictions(fast: Any, over: Any, members: list[Any], values: Any) -> list[tuple[str, str]]:
