@@ -100,7 +100,7 @@ def make_run(path, particles=400, frames=6, results=True, case=OWC, samples=200,
     return path
 
 
-def make_sweep(path, axes, shape, slopes=False):
+def make_sweep(path, axes, shape, slopes=False, about=None):
     """File of a sweep over axes; member k has the result xi = 0.1 k."""
     t = 0.1 * np.arange(30)
     members = {}
@@ -110,7 +110,7 @@ def make_sweep(path, axes, shape, slopes=False):
         members[k] = {"results": results, "series": {"time": t, "P_a": np.sin(t) * k}, "failure": ""}
     members[0] |= {"failure": "a particle has left", "results": {}}
     meanings = Meanings({"P_a": Variable("Pa", "P_a"), "time": Variable("s", "t")})
-    SweepFile(path).write(OWC.to_toml(), axes, shape, members, meanings)
+    SweepFile(path).write(OWC.to_toml(), axes, shape, members, meanings, about)
     return path
 
 
@@ -297,8 +297,10 @@ def test_a_sweep_has_its_members_with_linear_theory(tmp_path, axes, shape, kind)
         assert last["linear"]["xi"] == pytest.approx(float(expected))
 
 
-def test_a_search_keeps_its_order(tmp_path):
-    path = make_sweep(tmp_path / "s.h5", {"pto.K_dm": np.array([300.0, 100.0, 200.0])}, (3,), slopes=True)
+@pytest.mark.parametrize("method", ["Ensemble", "model"])
+def test_a_search_keeps_its_order(tmp_path, method):
+    axes, about = {"pto.K_dm": np.array([300.0, 100.0, 200.0])}, {"of": "xi", "method": method}
+    path = make_sweep(tmp_path / "s.h5", axes, (3,), slopes=method == "Ensemble", about=about)
     found = read(record_of([path]))["sweeps"][0]
     assert found["kind"] == "search" and [one["at"][0] for one in found["members"]] == [300.0, 100.0, 200.0]
 

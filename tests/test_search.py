@@ -70,6 +70,9 @@ def test_a_search_finds_the_best_device_of_the_water_and_not_of_the_first_model(
     best = _best(lip)[0]
     assert found.value > 0.98 * best
     assert found.value == max(one["xi"] for one in found.history)
+    # the first model promises more than the second device has, since it does not know the larger loss
+    assert found.history[1]["promised xi"] > 1.05 * found.history[1]["xi"]
+    assert "promised xi" not in found.history[0]
     # the stated error is that of the model's predictions, and later devices need fewer runs
     assert found.history[0]["error xi"] == pytest.approx(0.03 * found.history[0]["xi"])
     assert [runs["waves.T"] for _, runs in asked] == [5] + [4] * (len(asked) - 1)

@@ -293,7 +293,9 @@ def _evaluation(here: Mapping[str, float], of: str, keys: Sequence[str]) -> tupl
     """Texts for one evaluation of a search: parameter values, and the result with its slopes or error."""
     place = ", ".join(f"{key} = {here[key]:.4g}" for key in keys)
     if (error := here.get(f"error {of}")) is not None:
-        return f"{of} at {place}", f"{here[of]:.4g} +- {error:.2g}"
+        promised = here.get(f"promised {of}")
+        before = "" if promised is None else f" (the model promised {promised:.4g})"
+        return f"{of} at {place}", f"{here[of]:.4g} +- {error:.2g}{before}"
     slopes = "".join(f", slope {here[f'slope {key}']:.3g} +- {here[f'error {key}']:.2g}" for key in keys)
     return f"{of} at {place}", f"{here[of]:.4g}{slopes}"
 

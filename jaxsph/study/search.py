@@ -83,7 +83,8 @@ def search(
     pressure and velocity. `out`: the file of the devices; models and runs are stored in `<out>.models`, from
     which a repeated call continues. `workers`: see `sweep`.
     **Returns** the best device, whose value is the prediction of the model that was fitted to its runs.
-    "error RESULT" in the `history` is the standard error of this prediction.
+    "error RESULT" in the `history` is the standard error of this prediction, and "promised RESULT" is the
+    prediction before the device was run.
     **Raises** CaseError, before any run, for parameters, results and cases that a fast model does not cover,
     and if a device at the bounds cannot be built; FileError if `out` belongs to another search, or if another
     process runs a study with this output.
@@ -121,16 +122,17 @@ def _improve(
     """The search itself: `fit` runs a device and fits a model to the runs."""
     history: list[dict[str, float]] = []
     here, reason = case, f"the limit of {evaluations} devices was reached"
-    proposer = None
+    proposer, promise = None, {}
     for k in range(evaluations):
         model = fit(here, k)
         proposer = _Proposer(aim, model) if proposer is None else proposer
         value, at = proposer.of_device(model)
-        history.append({**at, aim.of: value, f"error {aim.of}": model.error["xi"] * value})
+        history.append({**at, aim.of: value, f"error {aim.of}": model.error["xi"] * value, **promise})
         record.write(history)
         best = max(one[aim.of] for one in history)
         here = proposer.best(model)
         promised, _ = proposer.of_device(model.moved(here))
+        promise = {f"promised {aim.of}": promised}
         if promised < (1.0 + GAIN) * best:
             reason = f"the model promises less than {GAIN:.0%} more within the bounds"
             break
