@@ -13,6 +13,7 @@ import jaxsph as js
 from jaxsph.cli.app import app
 from jaxsph.errors import CaseError, FileError
 from jaxsph.output.run_file import RunFile
+from jaxsph.output.sweep_file import Meanings, SweepFile
 from jaxsph.report.froude import BASES, exponent, factor
 from jaxsph.report.labels import LABELS
 
@@ -157,7 +158,7 @@ def test_a_scale_must_be_positive(files, tmp_path, scale):
 
 
 def test_a_sweep_has_no_scale(tmp_path):
-    case = coarse("owc", {"t1": 0.1})
-    js.sweep(case, {"pto.K_dm": [300.0]}, out=tmp_path / "sweep.h5", progress=False)
+    axes = {"pto.K_dm": np.array([300.0])}
+    SweepFile(tmp_path / "sweep.h5").write(coarse("owc").to_toml(), axes, (1,), {}, Meanings())
     with pytest.raises(FileError, match="contains a sweep"):
         js.export(tmp_path / "sweep.h5", tmp_path / "out.csv", scale=2.0)
