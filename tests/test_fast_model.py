@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import json
 import math
 
 import jax
@@ -263,6 +264,10 @@ def test_a_model_is_read_as_it_was_written(tmp_path):
     changes = {"waves.T": 1.1, "device.draught": 0.15}
     assert float(found.response(changes).xi) == float(model.response(changes).xi)
     (tmp_path / "other.json").write_text("{}")
+    old = json.loads((tmp_path / "model.json").read_text())
+    (tmp_path / "old.json").write_text(json.dumps(old | {"omega": old["omega"][:2]}))
+    with pytest.raises(js.FileError, match="written by an earlier version; run jaxsph calibrate again"):
+        FastModel.read(tmp_path / "old.json")
     for name, words in (("other.json", "no file of a fast model"), ("none.json", "No such file")):
         with pytest.raises(js.FileError, match=words):
             FastModel.read(tmp_path / name)

@@ -92,6 +92,23 @@ def test_a_search_of_the_damping_alone_needs_one_device(tmp_path, monkeypatch):
     assert len(asked) == 1 and "less than 1% more" in found.reason
 
 
+def test_a_device_whose_runs_fail_ends_the_search_with_the_best_before(tmp_path, monkeypatch):
+    calibrate, asked = _calibrated(lambda length: 1.8)
+
+    def failing(case, out, **options):
+        if asked:
+            raise js.CaseError("only 1 runs succeeded, and 4 are needed")
+        return calibrate(case, out, **options)
+
+    monkeypatch.setattr(searching, "calibrate", failing)
+    found = js.search(CASE, BOTH, tmp_path / "s.h5", progress=False)
+    assert len(found.history) == 1 and "give no model: only 1 runs succeeded" in found.reason
+    asked.clear()
+    monkeypatch.setattr(searching, "calibrate", lambda *_, **__: failing(asked.append(0), None))
+    with pytest.raises(js.CaseError, match="only 1 runs succeeded"):
+        js.search(CASE, BOTH, tmp_path / "t.h5", progress=False)
+
+
 def test_a_search_over_seas_maximises_the_mean_power(tmp_path, monkeypatch):
     calibrate, asked = _calibrated(lambda length: 1.8)
     monkeypatch.setattr(searching, "calibrate", calibrate)

@@ -219,6 +219,8 @@ class FastModel:
         try:
             content = json.loads(Path(path).read_text(encoding="utf-8"))
             case = Case.from_dict(content["case"])
+            if len(content["omega"]) != len(PERIODS):
+                raise ValueError("it was written by an earlier version; run jaxsph calibrate again")
             found = np.asarray(content["water"]), tuple(content["omega"])
             water = WaterSeries.restored(*found, chamber_geometry(case), case.g)
             added, error = (Additions(**content[name]) for name in ("added", "added_error"))

@@ -75,7 +75,8 @@ def search(
     The first device is that of the case. A fast model is fitted to five runs of it (`calibrate`), and
     proposes the parameters with the largest result. Four runs of the proposed device follow, to which the
     model is fitted again. The search ends when a proposal, with lengths rounded to spacings, promises less
-    than 1 % more than the best device so far, and after `evaluations` devices.
+    than 1 % more than the best device so far, if the runs of a proposed device fail, and after `evaluations`
+    devices.
 
     **Arguments**: `over`: bounds (lowest, highest) of the damping and lengths (`DEVICE`); `of`: "xi" or
     "P_owc" in the case's waves; `table`: scatter table for the mean of P_owc over its seas instead; the runs
@@ -124,7 +125,13 @@ def _improve(
     here, reason = case, f"the limit of {evaluations} devices was reached"
     proposer, promise = None, {}
     for k in range(evaluations):
-        model = fit(here, k)
+        try:
+            model = fit(here, k)
+        except CaseError as error:
+            if not history:
+                raise
+            reason = f"the runs of the proposed device give no model: {error}"
+            break
         proposer = _Proposer(aim, model) if proposer is None else proposer
         value, at = proposer.of_device(model)
         history.append({**at, aim.of: value, f"error {aim.of}": model.error["xi"] * value, **promise})
