@@ -404,6 +404,41 @@ PROSE = (
         (FAST,),
     ),
     Sentence(
+        "has {:.0f} % more power over the year than the runs, whose standard error is {:.0f} %; linear "
+        "theory has {:.0f} % more",
+        lambda r: (
+            r("fast_seas_0.02", "annual mean power: error of the model"),
+            100.0
+            * r("fast_seas_0.02", "annual mean power of the runs: standard error")
+            / r("fast_seas_0.02", "annual mean power of the runs"),
+            100.0
+            * r("fast_seas_0.02", "annual mean power of the model", column="theory")
+            / r("fast_seas_0.02", "annual mean power of the runs")
+            - 100.0,
+        ),
+        (FAST,),
+    ),
+    Sentence(
+        "finds a device with {:.2f} times the power of the best of twenty in a grid, from {:.0f} runs",
+        lambda r: (
+            r("model_search_0.025", "power of the device found over that of the best of the grid"),
+            r("model_search_0.025", "runs of the water"),
+        ),
+        (FAST,),
+    ),
+    Sentence(
+        "device has {:.2f} W/m by the model and {:.2f} W/m in runs of the seas, the case's device {:.2f} W/m",
+        lambda r: tuple(
+            r("model_search_0.025", f"mean power of the {device}")
+            for device in (
+                "best device, by the model",
+                "best device, in the water",
+                "case's device, in the water",
+            )
+        ),
+        (FAST,),
+    ),
+    Sentence(
         "The loss coefficient is {:.1f}, and the additional length {:.2f} draughts",
         lambda r: tuple(r("fast_owc_0.01", name) for name in FOUND),
         (FAST,),
