@@ -161,5 +161,9 @@ def test_the_command_searches_with_a_model(tmp_path, monkeypatch):
     assert done.exit_code == 0, done.output
     assert "best: xi = " in done.output and "less than 1% more" in done.output
     assert " +- " in done.output and (tmp_path / "runs" / "owc_optimum.html").exists()
+    waves = ["--over", "waves.T=1.0:1.4", "--method", "model"]
+    done = CliRunner().invoke(app, ["optimise", "owc", *waves, "--out", "new.h5"])
+    # refused before a run is timed
+    assert done.exit_code == 2 and "can search in pto.K_dm" in done.output and "runs of" not in done.output
     done = CliRunner().invoke(app, ["slope", "owc", "--over", "pto.K_dm", "--method", "model"])
     assert done.exit_code == 2 and "proposes parameters in a search" in done.output

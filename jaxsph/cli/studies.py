@@ -33,6 +33,7 @@ from jaxsph.output.sweep_file import SweepFile
 from jaxsph.report.doubts import doubts_of_members
 from jaxsph.report.labels import label_of
 from jaxsph.study.base import check_result
+from jaxsph.study.search import checked, runs_of_search
 
 CLUSTER_TIMEOUT = 10
 """Time limit for connecting to a cluster's scheduler, s."""
@@ -247,24 +248,31 @@ def optimise(  # its arguments are the options of the command
         scatter, of = (None, of) if table is None else (js.ScatterTable.read(table), "P_owc")
         if not quiet:
             _note(loaded, bounds)
-            if method is Way.ensemble and scatter is None:
-                check_result(loaded.problem(), of)
-            if each := {Way.ensemble: members, Way.model: 4}.get(method):
-                announce(loaded, out, evaluations * each + (method is Way.model), None, None, "at most ")
+            _check_search(loaded, bounds, of, scatter, method)
+            runs = {Way.ensemble: evaluations * members, Way.model: runs_of_search(evaluations)}
+            if method in runs:
+                announce(loaded, out, runs[method], None, None, "at most ")
         limits = {"evaluations": evaluations, "progress": not quiet}
         if method is Way.model:
             found = js.search(loaded, bounds, out, of=of, table=scatter, **limits)
         else:
             way = method.of(spread, members)
-            found = js.maximise(
-                loaded, bounds, out, of, way if scatter is None else js.OverSeas(scatter, way), **limits
-            )
+            way = way if scatter is None else js.OverSeas(scatter, way)
+            found = js.maximise(loaded, bounds, out, of, way, **limits)
         print_table([_evaluation(here, of, list(bounds)) for here in found.history])
         highest = max(found.history, key=lambda here: here[of])
         best = ", ".join(f"{key} = {highest[key]:.4g}" for key in bounds)
         typer.echo(f"best: {of} = {found.value:.4g} at {best} ({found.reason})")
         typer.echo(f"recorded in {out}")
         write_page(out, report, quiet)
+
+
+def _check_search(loaded: Any, bounds: Mapping[str, Any], of: str, scatter: Any, method: Way) -> None:
+    """**Raises** CaseError, before a run is timed, for a search that its method refuses."""
+    if method is Way.model:
+        checked(loaded, bounds, of, scatter)
+    elif method is Way.ensemble and scatter is None:
+        check_result(loaded.problem(), of)
 
 
 def _runs(found: Any) -> list[tuple[str, float, float]]:
@@ -293,8 +301,7 @@ def _evaluation(here: Mapping[str, float], of: str, keys: Sequence[str]) -> tupl
     """Texts for one evaluation of a search: parameter values, and the result with its slopes or error."""
     place = ", ".join(f"{key} = {here[key]:.4g}" for key in keys)
     if (error := here.get(f"error {of}")) is not None:
-        promised = here.get(f"promised {of}")
-        before = "" if promised is None else f" (the model promised {promised:.4g})"
+        before = f" (the model promised {here[name]:.4g})" if (name := f"promised {of}") in here else ""
         return f"{of} at {place}", f"{here[of]:.4g} +- {error:.2g}{before}"
     slopes = "".join(f", slope {here[f'slope {key}']:.3g} +- {here[f'error {key}']:.2g}" for key in keys)
     return f"{of} at {place}", f"{here[of]:.4g}{slopes}"

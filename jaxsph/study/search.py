@@ -20,7 +20,17 @@ from numpy.typing import NDArray
 
 from jaxsph.case.case import Case
 from jaxsph.errors import CaseError
-from jaxsph.study.fast_model import KEYS, LEAST, REGULAR, SEA, FastModel, calibrate, check, members_around
+from jaxsph.study.fast_model import (
+    KEYS,
+    LEAST,
+    REGULAR,
+    SEA,
+    VARIED,
+    FastModel,
+    calibrate,
+    check,
+    members_around,
+)
 from jaxsph.study.matrix import ScatterTable
 from jaxsph.study.optimise import Maximum, Record, check_bounds
 from jaxsph.study.ownership import only_study
@@ -32,6 +42,8 @@ LENGTHS = tuple(key for key in DEVICE if key.startswith("device."))
 """Those that are lengths."""
 RESULTS = ("xi", "P_owc")
 """Results that a search can maximise."""
+FIRST = len(next(iter(VARIED.values())))
+"""Number of runs of the first device; each other device has `LEAST`."""
 GAIN = 0.01
 """Gain that the model must promise for another set of runs, relative to the best value (-)."""
 FACTOR = 2.0
@@ -92,7 +104,7 @@ def search(
     """
     if evaluations < 1:
         raise CaseError(f"evaluations = {evaluations}: must be 1 or more")
-    aim, case = _checked(case, over, of, table)
+    aim, case = checked(case, over, of, table)
     about = {"of": aim.of, "method": "model", "bounds": [[*map(float, pair)] for pair in over.values()]}
     periods = None
     if table is not None:
@@ -229,7 +241,12 @@ class _Proposer:
         return float(np.exp(-falling(x)[0])), x
 
 
-def _checked(
+def runs_of_search(evaluations: int) -> int:
+    """Largest number of runs of a search with this number of devices."""
+    return FIRST + LEAST * (evaluations - 1)
+
+
+def checked(
     case: Case, over: Mapping[str, tuple[float, float]], of: str, table: ScatterTable | None
 ) -> tuple[_Aim, Case]:
     """What is maximised, and the case with the waves of the runs. **Raises** CaseError as `search`."""
