@@ -284,6 +284,14 @@ def test_a_matrix_is_exported_as_a_table_and_for_wec_sim(tmp_path):
     np.testing.assert_allclose(found["xi"], matrix.xi.ravel())
 
 
+def test_runs_that_all_failed_are_still_exported(tmp_path):
+    axes = {"waves.Hs": np.array([0.02]), "waves.Tp": np.array([1.2]), "waves.seed": np.arange(1)}
+    members = {0: {"results": {}, "series": {}, "failure": "a particle has left"}}
+    SweepFile(tmp_path / "m.h5").write(CASE.to_toml(), axes, (1, 1, 1), members, Meanings())
+    (written,) = js.export(tmp_path / "m.h5", tmp_path / "m.csv")
+    assert "a particle has left" in written.read_text()
+
+
 def test_a_matrix_at_full_scale_follows_froude(tmp_path):
     file = _written(tmp_path / "m.h5")
     matrix = matrix_of(js.read_sweep(file))

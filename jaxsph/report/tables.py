@@ -15,7 +15,7 @@ from jaxsph.errors import FileError
 from jaxsph.output.dataset import wanted
 from jaxsph.output.hdf5 import tell_write_errors
 from jaxsph.output.run_file import RunFile
-from jaxsph.output.sweep_file import SweepFile
+from jaxsph.output.sweep_file import StoredSweep, SweepFile
 from jaxsph.report.froude import check_scale, factor
 from jaxsph.report.labels import OF_PROGRAM, components_of, in_order, is_flat, label_of
 from jaxsph.study.matrix import SEA_AXES, PowerMatrix, matrix_of
@@ -48,15 +48,17 @@ def tables(path: str | Path, scale: float = 1.0) -> list[Table]:
     check_scale(scale)
     if not SweepFile(path).is_one():
         return list(_of_run(RunFile.open(path), scale))
-    if _is_matrix(path):
-        members = [_members(SweepFile(path))] if scale == 1.0 else []
+    stored = SweepFile(path).read()
+    powers = any({"P_owc", "P_pto"} & one["results"].keys() for one in stored.members.values())
+    if [*stored.axes] == SEA_AXES and powers:
+        members = [_members(stored)] if scale == 1.0 else []
         return [*members, _sea_states(matrix_of(read_sweep(path)), scale)]
     if scale != 1.0:
         raise FileError(
             f"{path} contains a sweep, whose swept values have no units: omit the scale, or give the file of "
             "a run"
         )
-    return [_members(SweepFile(path))]
+    return [_members(stored)]
 
 
 def export(path: str | Path, out: str | Path, overwrite: bool = False, scale: float = 1.0) -> list[Path]:
@@ -136,9 +138,8 @@ def _unit(units: str, component: int) -> str:
     return each[component] if len(each) > component else units
 
 
-def _members(sweep: SweepFile) -> Table:
+def _members(stored: StoredSweep) -> Table:
     """Table with one row per member of a sweep: parameters, results, and the reason for a failure."""
-    stored = sweep.read()
     names = {name for one in stored.members.values() for name in one["results"]}
     ordered = in_order(names, stored.meanings.labels)
     flat = is_flat(tomllib.loads(stored.case_toml))
@@ -150,11 +151,6 @@ def _members(sweep: SweepFile) -> Table:
         at = stored.place(index)
         rows.append([*at.values(), *(one["results"].get(name) for name in ordered), one["failure"] or None])
     return Table("members", head, rows)
-
-
-def _is_matrix(path: str | Path) -> bool:
-    """Whether a file of a sweep is one of a power matrix."""
-    return [*SweepFile(path).read().axes] == SEA_AXES
 
 
 def _sea_states(matrix: PowerMatrix, scale: float) -> Table:
