@@ -108,8 +108,9 @@ class FastModel:
         """
         check(case, {})
         low, high = periods or 2 * (case.value("waves.T"),)
-        reach = PERIODS[0] * low, PERIODS[1] * low, PERIODS[2] * high
-        water = WaterSeries.of(chamber_geometry(case), reach, case.g)
+        reach = PERIODS[2] * high, PERIODS[1] * low, PERIODS[0] * low
+        omega = tuple(2.0 * math.pi / T for T in reach)
+        water = WaterSeries.of(chamber_geometry(case), omega, case.g)
         return cls(case, water, Additions(), Additions(), ())
 
     def response(self, changes: Mapping[str, ArrayLike] = {}) -> Response:
@@ -153,10 +154,7 @@ class FastModel:
 
     def moved(self, case: Case) -> FastModel:
         """The model of a case with other lengths of the device; loss and inertia stay."""
-        T = tuple(2.0 * math.pi / omega for omega in reversed(self.water.omega))
-        water = WaterSeries.of(chamber_geometry(case), T, case.g)
-        # exactly the same bounds, so that compiled functions are shared
-        water = dataclasses.replace(water, omega=self.water.omega)
+        water = WaterSeries.of(chamber_geometry(case), self.water.omega, case.g)
         return dataclasses.replace(self, case=case, water=water)
 
     def _incident(self, values: dict[str, jax.Array]) -> Incident:

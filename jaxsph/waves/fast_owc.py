@@ -65,10 +65,11 @@ class WaterSeries(eqx.Module):
     """Acceleration of gravity, m/s2."""
 
     @classmethod
-    def of(cls, geometry: ChamberGeometry, T: tuple[float, ...], g: float = theory.GRAVITY) -> WaterSeries:
-        """Series for the ranges of wave period between the successive values of T (s, ascending); solves some
-        100 flows for each, in a second."""
-        omega = tuple(2.0 * math.pi / one for one in reversed(T))
+    def of(
+        cls, geometry: ChamberGeometry, omega: tuple[float, ...], g: float = theory.GRAVITY
+    ) -> WaterSeries:
+        """Series for the ranges of angular frequency between the successive values of omega (rad/s,
+        ascending); solves some 100 flows for each, in a second."""
         places = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
         basis = np.cos(np.arange(NODES)[:, None] * np.arccos(places)) * (2.0 / NODES)
         basis[0] *= 0.5
