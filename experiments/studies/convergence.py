@@ -130,9 +130,9 @@ def _runs(kind: str, asked: tuple[tuple[float, ...], tuple[str, ...]], t1: float
     for spacing in sorted({*SPACINGS, *asked[0]}, reverse=True):
         case, name = study_case(kind, spacing), f"convergence_{kind}_{spacing:g}"
         if spacing in asked[0] and kind in asked[1]:
-            found[spacing] = _read(case, solved(case, name, t1))
+            found[spacing] = read(case, solved(case, name, t1))
         elif _ended(case, path := common.RUNS / f"{name}.h5", t1):
-            found[spacing] = _read(case, RunFile.open(path))
+            found[spacing] = read(case, RunFile.open(path))
     return found
 
 
@@ -144,7 +144,7 @@ def _ended(case: js.Case, path: Path, t1: float) -> bool:
     return file.case_toml == case.to_toml() and file.results().get("t_end", 0.0) > t1 - case.output.sample_dt
 
 
-def _read(case: js.Case, file: RunFile) -> Found:
+def read(case: js.Case, file: RunFile) -> Found:
     """Results of a run over its settled periods.
 
     **Raises** ValueError if the run has no settled period, because its t1 is too short.

@@ -109,7 +109,7 @@ def assemble(
     if dt_most is None:
         # a particle must not move so far in one step that its neighbour table becomes invalid
         stable = min(stable, 0.4 * skin / speed)
-    blocks, block = _cadence(sample_dt, stable, speed, skin)
+    blocks, block = cadence(sample_dt, stable, speed, skin)
     # In fast water the table lasts for one step, rounded to whole steps, and not for the two of the shortest
     # block. The run would find this out, but only after a replay.
     lasting = 0.5 * skin / (speed * sample_dt / (blocks * block))
@@ -169,7 +169,7 @@ def _particles(
     )
 
 
-def _cadence(sample_dt: float, dt_most: float, speed: float, skin: float) -> tuple[int, int]:
+def cadence(sample_dt: float, dt_most: float, speed: float, skin: float) -> tuple[int, int]:
     """Number of blocks in a sampling interval `sample_dt` (s), and number of steps in a block.
 
     A block is the sequence of steps between two neighbour searches. A neighbour table is valid until a
@@ -276,7 +276,8 @@ def _fullest(walls: Ghosts, x: np.ndarray, grid: Grid, radius: float, skin: floa
     around = _neighbour_count(x, sees, sources, kinds, grid) - 1  # a particle is not its own neighbour
     node, node_sees = np.asarray(walls.node, float)[at_nodes], np.asarray(walls.node_sees)[at_nodes]
     # a moving wall's force is summed over all water around its ghosts, whatever the water's region
-    moving = np.asarray(images, float)[there & (np.arange(len(there)) < max(walls.paddle, default=0))]
+    ends = max((*walls.paddle, *walls.far_end), default=0)
+    moving = np.asarray(images, float)[there & (np.arange(len(there)) < ends)]
     node, node_sees = np.concatenate([node, moving]), np.append(node_sees, np.full(len(moving), -1))
     at_nodes = _neighbour_count(node, node_sees, x, kind, grid)
     return int(around.max(initial=0)), int(at_nodes.max(initial=0))

@@ -5,6 +5,7 @@ Everything that determines the shape of an array is fixed here, on the host.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -14,8 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.case.absorbing import make_sponges
-from jaxsph.case.assemble import SKIN, assemble
+from jaxsph.case.assemble import SKIN, assemble, cadence
 from jaxsph.case.bodies import make_bodies, make_links
+from jaxsph.case.flume import make_border
 from jaxsph.case.geometry import Geometry, thin_wall, walls_of
 from jaxsph.case.initial import around_solids, at_rest, initial_head, initial_velocity, water
 from jaxsph.case.limits import check_memory
@@ -36,10 +38,11 @@ from jaxsph.core.search import jax_md
 from jaxsph.core.search.base import AbstractSearch
 from jaxsph.core.search.cells import Cells
 from jaxsph.errors import CaseError
-from jaxsph.model.interfaces import Model
+from jaxsph.model.interfaces import AbstractDamper, Model
 from jaxsph.model.mechanism import Mechanism
 from jaxsph.model.state import State
 from jaxsph.parts.body import BodyMotion, RigidBody
+from jaxsph.parts.paddle import AbstractPaddle
 from jaxsph.schemes.base import AbstractParticleScheme
 from jaxsph.solids.box import FreeSlip, NoSlip
 from jaxsph.solids.filling import DummyParticles, MirrorImages, MirrorNodes
@@ -78,7 +81,7 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
     scheme = make_scheme(case, make_background(case, geometry, leaf))
     walls = _walls(case, geometry, scheme)
     bodies = make_bodies(case, geometry, walls.dummies, leaf)
-    x, volume = water(geometry, case.dx)
+    x, volume = water(geometry, case.dx, walls.low)
     motions = Mechanism(bodies).start(dtype)
     away = [at_points(eqx.Partial(body.distance, motions[body.name]), x, dtype) for body in bodies]
     level = geometry.depth if geometry.column == geometry.length else None
@@ -91,7 +94,15 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
     g = np.zeros(case.dim)
     g[-1] = -case.g
     still = (x, volume / walls.width)
-    paddles = () if case.waves is None else (make_paddle(case, geometry, walls, still, leaf),)
+    skin = LONG_STEP_SKIN[case.dim] if case.scheme.kind == "incompressible" else SKIN
+    zones: tuple[AbstractDamper, ...] = ()
+    moving: tuple[AbstractPaddle, ...] = ()
+    if case.flume is not None:
+        steps = cadence(case.output.sample_dt, stable_time_step(case), search_speed(case), skin * case.dx)
+        moving = (make_border(case, geometry, walls, still, case.output.sample_dt / math.prod(steps)),)
+    elif case.waves is not None:
+        moving = (make_paddle(case, geometry, walls, still, leaf),)
+        zones = make_zones(case, geometry, leaf)
     return assemble(
         x,
         initial_velocity(case, geometry, x),
@@ -102,15 +113,15 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
         p=case.fluid.rho0 * case.g * initial_head(geometry, x),
         volume=volume,
         g=g,
-        moving=paddles,
+        moving=moving,
         bodies=bodies,
         links=make_links(case, bodies, leaf) + make_moorings(case, leaf),
         chambers=make_chambers(case, geometry, bodies, leaf),
         ducts=make_ducts(case, leaf),
-        dampers=make_zones(case, geometry, leaf) + make_sponges(case, geometry, leaf),
+        dampers=zones + make_sponges(case, geometry, leaf),
         speed=search_speed(case),
         dt_most=stable_time_step(case),
-        skin=LONG_STEP_SKIN[case.dim] if case.scheme.kind == "incompressible" else SKIN,
+        skin=skin,
         depth=geometry.depth,
         settings=settings,
         search_by=_search_method(case),

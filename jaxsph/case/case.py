@@ -12,6 +12,7 @@ from pydantic import BaseModel, ValidationError
 from jaxsph.case.air_sections import DEVICE_WALLS, LAWS, SMOOTH_LAWS, air_keys
 from jaxsph.case.build import build
 from jaxsph.case.expected import instead
+from jaxsph.case.flume import border_results, check_flume
 from jaxsph.case.forecasts import forecasts
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.limits import check_limits
@@ -71,6 +72,7 @@ class Case(Sections):
             raise CaseError(_readable(error)) from None
         geometry = Geometry.of(case)
         check_limits(case, geometry)
+        check_flume(case, geometry)
         check_moorings(case, geometry)
         return case
 
@@ -113,7 +115,7 @@ class Case(Sections):
             self.output.sample_dt,
             self.t1,
             probes=make_probes(self, model, state),
-            results=case_results(self),
+            results=case_results(self) + border_results(self),
             snapshot_dt=self.output.snapshot_dt,
             name=self.name,
             description=self.description,
@@ -137,6 +139,8 @@ class Case(Sections):
 
     def roughness(self, name: str) -> str:
         """Reason why the model may not depend smoothly on a key; empty if the dependence is smooth."""
+        if self.flume is not None:
+            return "slopes through the time loop do not include the flume"
         return (
             "" if any_name(name) in SMOOTH else f"the time loop depends smoothly only on {', '.join(SMOOTH)}"
         )

@@ -108,6 +108,7 @@ class Geometry:
         geometry._probes(case)
         if case.waves is not None:
             geometry.stroke = case.waves.stroke(geometry.depth, case.g)
+        if case.near_end_moves:
             # the paddle needs more than half a stroke, for drift and absorption
             stroke = max(geometry.stroke, theory.largest_stroke(geometry.depth))
             geometry.withdrawal = 1.5 * stroke + 2 * case.dx
@@ -121,8 +122,8 @@ class Geometry:
     def box(self, case: Sections) -> Box:
         """Box of the tank's walls."""
         sides = ("walls",) * (case.dim - 1) + ("spill" if case.tank.rim == "open" else "floor",)
-        paddle = case.waves is not None
-        return Box((0.0,) * case.dim, tuple(self.upper), paddle, self.withdrawal, sides)
+        low = (case.near, *[0.0] * (case.dim - 1))
+        return Box(low, tuple(self.upper), case.near_end_moves, self.withdrawal, sides)
 
     @property
     def front(self) -> float:

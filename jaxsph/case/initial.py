@@ -51,11 +51,10 @@ def initial_velocity(case: Sections, geometry: Geometry, x: np.ndarray) -> np.nd
     return standing_velocity(x, case.start.amplitude, k, geometry.depth, case.g)
 
 
-def water(geometry: Geometry, dx: float) -> tuple[np.ndarray, np.ndarray]:
+def water(geometry: Geometry, dx: float, low: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
     """Positions `[N, D]` (m) and volumes `[N]` (m3; m2 in 2-D) of the particles in the column and the
-    layer of water."""
+    layer of water. `low`: low ends of the water, m."""
     across = () if geometry.width is None else (geometry.width,)
-    low = (0.0,) * (2 + len(across))
     x, volume = lattice(
         low,
         (geometry.column, *across, geometry.depth),

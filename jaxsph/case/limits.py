@@ -78,11 +78,11 @@ def particle_counts(case: Sections, geometry: Geometry) -> tuple[int, int]:
     """Numbers of particles of water and of walls that `build` makes, to within a few per cent."""
     dx, layers = case.dx, case.layers
     across = 1 if geometry.width is None else _count(geometry.width, dx)
-    wet = _count(geometry.column, dx) * _count(geometry.depth, dx)
+    wet = _count(geometry.column - case.near, dx) * _count(geometry.depth, dx)
     wet += _count(geometry.length - geometry.column, dx) * _count(geometry.layer, dx)
     shapes = geometry.shapes.values()
     in_place_of = sum(_under(shape, geometry.depth) for shape in shapes) / dx**case.dim
-    long, high = _count(geometry.length, dx), _count(geometry.height, dx)
+    long, high = _count(geometry.length - case.near, dx), _count(geometry.height, dx)
     behind = math.ceil(geometry.withdrawal / dx)
     wide = 1 if geometry.width is None else across + 2 * layers
     walls = (long + 2 * layers) * wide * (high + layers) - long * across * high + behind * wide * layers

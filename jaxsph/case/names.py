@@ -8,7 +8,7 @@ from jaxsph.model.consistency import RESERVED
 
 LOSSES = ("contact", "hyperviscosity", "projection", "separation", "viscous")
 """Names of the energies that the water itself loses."""
-TAKEN = ("body", "chamber", "paddle", "rim", "sponge", "zone", TANK, *LOSSES)
+TAKEN = ("body", "border", "chamber", "paddle", "rim", "sponge", "zone", TANK, *LOSSES)
 """Names that the program itself gives to parts, and that a case must not give to other parts."""
 
 

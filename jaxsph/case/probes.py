@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxsph.case.flume import flume_case
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.sections import Sections
 from jaxsph.case.shapes import crest_of
@@ -14,9 +15,10 @@ from jaxsph.core.arrays import on_device
 from jaxsph.model.interfaces import Model
 from jaxsph.model.probe import AbstractProbe
 from jaxsph.model.state import State
+from jaxsph.parts.border import flume_of
 from jaxsph.probes.coast import OvertoppingProbe, RunUpProbe
 from jaxsph.probes.default import default_probes
-from jaxsph.probes.gauges import InterpolatedGauge, WaveGauge, WireGauge
+from jaxsph.probes.gauges import FlumeGauge, InterpolatedGauge, WaveGauge, WireGauge
 from jaxsph.probes.sensors import BodyPressureProbe, PressureProbe, VelocityProbe
 
 
@@ -31,11 +33,14 @@ def make_probes(case: Sections, model: Model, state: State) -> tuple[AbstractPro
     released = case.tank.column is not None
     level = jnp.zeros_like(model.depth) if released else model.depth
     if geometry.gauges:
-        at = on_device(geometry.gauges, dtype)
-        gauge = WaveGauge(at, on_device(np.zeros(len(at)), dtype))
-        # a gauge reads the depth of the water, which is smaller above a raised bed
-        still = gauge.still if released else _measure(gauge, model, state)["eta"]
-        found.append(WaveGauge(at, still))
+        gauge = _gauge(geometry, (model, state), released)
+        if case.flume is None:
+            found.append(gauge)
+        else:
+            before = _gauge(geometry, flume_of(model, state), released)
+            # where flume and fine zone overlap, each is measured on its own side of the middle
+            middle = on_device(0.5 * (case.near + flume_case(case).tank.length), dtype)
+            found.append(FlumeGauge(gauge, before, middle))
     if geometry.surface:
         at, top = np.asarray(geometry.surface), model.walls.high[-1]
         levels = np.arange(0.0, top, 0.5 * case.dx)
@@ -61,6 +66,16 @@ def make_probes(case: Sections, model: Model, state: State) -> tuple[AbstractPro
         if section.sensors:
             found.append(BodyPressureProbe.of(bodies[name], on_device(section.sensors, dtype)))
     return tuple(found)
+
+
+def _gauge(geometry: Geometry, zone: tuple[Model, State], released: bool) -> WaveGauge:
+    """Wave gauges at the case's positions in a zone, which read zero in the zone's initial state, or on a dry
+    bed if a column is `released`."""
+    model, state = zone
+    at = on_device(geometry.gauges, model.dt.dtype)
+    gauge = WaveGauge(at, on_device(np.zeros(len(at)), model.dt.dtype))
+    # a gauge reads the depth of the water, which is smaller above a raised bed
+    return gauge if released else WaveGauge(at, _measure(gauge, model, state)["eta"])
 
 
 @eqx.filter_jit

@@ -198,6 +198,17 @@ class Tank(Section):
     default with a body or a solid)."""
 
 
+class FlumeSection(Section):
+    """Coarse part of the tank in front of the device: a flume of larger particles (incompressible, in two
+    dimensions)."""
+
+    length: Length
+    """Length from the paddle at rest, or the near end wall, to the border at which the particles of spacing
+    dx begin, m."""
+    factor: int = Field(4, ge=2, le=8)
+    """Spacing of the flume's particles, in spacings dx."""
+
+
 class SpongeSection(Section):
     """Damping zone at the end of the tank and, without incident waves, along its other walls (Eq. 27-28)."""
 
@@ -308,6 +319,7 @@ class Sections(Section):
     fluid: Fluid = Fluid.model_validate({})
     scheme: SchemeSection = WeaklyCompressible.model_validate({})
     tank: Tank
+    flume: FlumeSection | None = None
     waves: WavesSection | None = None
     sponge: SpongeSection | None = None
     device: Device | None = None
@@ -400,6 +412,19 @@ class Sections(Section):
     def dim(self) -> int:
         """Number of dimensions: three if the tank has a width."""
         return 2 if self.tank.width is None else 3
+
+    @property
+    def near(self) -> float:
+        """Position x of the near end of the water of spacing dx, m: 0, or the border of the flume."""
+        if self.flume is None:
+            return 0.0
+        spacing = self.flume.factor * self.dx
+        return round(round(self.flume.length / spacing) * spacing, 12)
+
+    @property
+    def near_end_moves(self) -> bool:
+        """Whether the near end of the water of spacing dx is a wavemaker, or the border of a flume."""
+        return self.waves is not None or self.flume is not None
 
     @property
     def smoothing_length(self) -> float:

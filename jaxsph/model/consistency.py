@@ -62,7 +62,8 @@ def check_parts(model: Model) -> None:
         )
     model.mechanism.check()
     given = sorted(solid.rows for solid in (*model.moving, *model.bodies))
-    needed = sorted((*((model.walls.paddle,) if model.walls.paddle else ()), *model.walls.dummies))
+    ends = (rows for rows in (model.walls.paddle, model.walls.far_end) if rows)
+    needed = sorted((*ends, *model.walls.dummies))
     if given != needed:
         raise ValueError(
             f"moving walls and bodies have the ghosts with indices {given}, but the walls need {needed}: "

@@ -12,6 +12,7 @@ file. The interfaces of solids (`model.solids`) and of air and power take-offs (
 from __future__ import annotations
 
 import abc
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -363,15 +364,18 @@ class Model(eqx.Module):
         return x, nodes
 
     def paddle_at(self, parts: Mapping[str, Any]) -> Callable[[Array], Array]:
-        """Function that returns the present positions (m) of points fixed to the paddle from their positions
-        at rest.
-
-        Without a paddle the function is the identity.
-        """
-        for wall in self.moving:
-            if wall.rows == self.walls.paddle:
-                return lambda x: wall.place(parts[wall.name], x, x)[0]
-        return lambda x: x
+        """Function that returns the present positions (m) of points fixed to the paddle, or to a far end that
+        moves, from their positions at rest. At an end that does not move it is the identity."""
+        ends = {
+            wall.rows: functools.partial(wall.place, parts[wall.name])
+            for wall in self.moving
+            if wall.rows in (self.walls.paddle, self.walls.far_end)
+        }
+        near, far = (ends.get(rows, lambda x, _: (x, x)) for rows in (self.walls.paddle, self.walls.far_end))
+        if not self.walls.far_end:
+            return lambda x: near(x, x)[0]
+        middle = 0.5 * (self.walls.low[0] + self.walls.high[0])
+        return lambda x: jnp.where(x[:, :1] < middle, near(x, x)[0], far(x, x)[0])
 
     def ghosts_at(
         self, parts: Mapping[str, Any], p: Particles, images: Chosen

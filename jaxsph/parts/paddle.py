@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import abc
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -112,11 +112,13 @@ class AbsorbingMotion(AbstractMotion):
 
 
 class AbstractPaddle(AbstractWall):
-    """Wavemaker at the tank's near end: the wall at the lower end of the x axis, which moves along x.
+    """Wall at an end of the x axis, usually the near one, which moves along x: a wavemaker.
 
-    Implement `shift` and `speed` for the wavemaker's motion.
+    Implement `shift` and `speed` for the wall's motion.
     """
 
+    side: ClassVar[float] = 1.0
+    """Side of the wall on which the water is: 1 towards larger x, -1 at the far end."""
     face: eqx.AbstractVar[float]
     """Position x of the paddle's face at rest, m."""
 
@@ -135,7 +137,8 @@ class AbstractPaddle(AbstractWall):
 
     def outline(self, far):
         """See `AbstractSolid`."""
-        return box_corners((-far, -far), (self.face, far))
+        low, high = sorted((-self.side * far, self.face))
+        return box_corners((low, -far), (high, far))
 
     def readings(self, dim):
         """See `AbstractPart`."""
@@ -156,11 +159,11 @@ class AbstractPaddle(AbstractWall):
 
     def gap(self, motion: Any, x: Float[Array, "N D"]) -> Float[Array, " N"]:
         """Distance of particles at x (m) from the paddle's face, m; negative behind the face."""
-        return x[:, 0] - (jnp.asarray(self.face, x.dtype) + self.shift(motion, x))
+        return self.side * (x[:, 0] - (jnp.asarray(self.face, x.dtype) + self.shift(motion, x)))
 
     def push(self, motion, x, dx, c0):
         """See `AbstractSolid`."""
-        return jnp.zeros_like(x).at[:, 0].set(spring(self.gap(motion, x), dx, c0))
+        return jnp.zeros_like(x).at[:, 0].set(self.side * spring(self.gap(motion, x), dx, c0))
 
     def contains(self, motion, x, dx):
         """See `AbstractSolid`."""

@@ -10,6 +10,7 @@ from jaxsph.core.arrays import Array, Float, Scalar, columns
 from jaxsph.core.pairs import nearest_image
 from jaxsph.model.meaning import Reading
 from jaxsph.model.probe import AbstractProbe, places
+from jaxsph.parts.border import flume_of
 from jaxsph.parts.paddle import column_depth
 
 
@@ -40,6 +41,35 @@ class WaveGauge(AbstractProbe):
     def coordinates(self):
         """See `AbstractProbe.coordinates`."""
         return places(np.asarray(self.x)[:, None], "gauge", "gauge, from the paddle at rest", "x")
+
+
+class FlumeGauge(AbstractProbe):
+    """Gauge of the surface elevation (m) in a tank with a coarse flume, which measures each position in the
+    zone that it belongs to."""
+
+    own: WaveGauge
+    """Gauges in the water of the model, one for every position."""
+    flume: WaveGauge
+    """Gauges in the flume, one for every position."""
+    border: Scalar
+    """Position x up to which the flume is measured, m."""
+
+    def measure(self, model, state, tables):
+        """See `AbstractProbe.measure`."""
+        zone, its_state = flume_of(model, state)
+        behind, before = (
+            gauge.measure(*zone_and_state, tables)["eta"]
+            for gauge, zone_and_state in ((self.own, (model, state)), (self.flume, (zone, its_state)))
+        )
+        return {"eta": jnp.where(self.own.x < self.border, before, behind)}
+
+    def describe(self):
+        """See `AbstractProbe.describe`."""
+        return self.own.describe()
+
+    def coordinates(self):
+        """See `AbstractProbe.coordinates`."""
+        return self.own.coordinates()
 
 
 class InterpolatedGauge(AbstractProbe):

@@ -16,6 +16,7 @@ from jaxsph.core.slabs import Slabs
 from jaxsph.errors import SimulationError
 from jaxsph.model.interfaces import Model
 from jaxsph.model.state import Failure, State, Status
+from jaxsph.parts.border import flume_of, flumes, with_flume
 from jaxsph.problem.trouble import Remedies, Trouble
 
 REPLAYS = 6
@@ -62,8 +63,9 @@ def advance_chunk(
     a failure that other settings do not remedy.
     """
     model, new, found = replay_chunk(model, advance, say)
-    if int(new.status.bits):
-        raise failure_error(model, new, name, remedies)
+    for zone, its in ((model, new), *([flume_of(model, new)] if flumes(model) else [])):
+        if int(its.status.bits):
+            raise failure_error(zone, its, name, remedies)
     return model, new, found
 
 
@@ -75,11 +77,15 @@ def replay_chunk(
     for _ in range(REPLAYS):
         new, found = advance(model)
         changed = better_settings(model, new.status)
-        if changed is None:
-            break
-        what = ", ".join(f"{k} = {v}" for k, v in changed.items())
-        say(f"{REPLAYED}: {what}")
-        model = with_settings(model, changed)
+        if changed is not None:
+            model = with_settings(model, changed)
+        else:
+            zones = [flume_of(model, new)] if flumes(model) else []
+            changed = next((better_settings(flume, its.status) for flume, its in zones), None)
+            if changed is None:
+                break
+            model = with_flume(model, with_settings(zones[0][0], changed))
+        say(f"{REPLAYED}: {', '.join(f'{k} = {v}' for k, v in changed.items())}")
     return model, new, found
 
 
@@ -118,6 +124,14 @@ def with_settings(model: Model, settings: dict[str, int]) -> Model:
     if settings.keys() & {"capacity", "node_capacity"}:
         values["method"] = search.method.grown()
     return eqx.tree_at(lambda m: m.search, model, type(search)(**values))
+
+
+def with_settings_of(model: Model, other: Model) -> Model:
+    """Returns the model with the `search_settings` of another one, also those of its flume."""
+    if flumes(model):
+        zones = (flumes(one)[0].flume for one in (model, other))
+        model = with_flume(model, with_settings_of(*zones))
+    return with_settings(model, search_settings(other))
 
 
 def failure_error(model: Model, state: State, name: str, remedies: Remedies) -> SimulationError:

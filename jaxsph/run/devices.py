@@ -20,6 +20,7 @@ from jaxsph.core.slabs import AXIS, WHOLE, Slabs
 from jaxsph.errors import CaseError
 from jaxsph.model.interfaces import Model
 from jaxsph.model.state import Particles, State
+from jaxsph.parts.border import flumes
 from jaxsph.run.processes import whole
 
 WORTHWHILE = 8000
@@ -123,6 +124,8 @@ def _obstacle(model: Model) -> str:
         return "this neighbour search runs on one device only; use the search by cells, or give devices = 1"
     if 0 in dict(model.search.grid.period):
         return "a tank that is periodic along its length runs on one device only; give devices = 1"
+    if flumes(model):
+        return "a tank with a coarse flume runs on one device only; give devices = 1"
     return ""
 
 

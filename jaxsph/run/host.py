@@ -29,7 +29,7 @@ from jaxsph.output.run_file import RunFile
 from jaxsph.probes.joined import described
 from jaxsph.problem.sources import source_of
 from jaxsph.run.amend import amend
-from jaxsph.run.chunks import advance_chunk, sample_times, search_settings, with_settings
+from jaxsph.run.chunks import advance_chunk, sample_times, with_settings, with_settings_of
 from jaxsph.run.devices import everywhere, find_devices, gather, share, unshare, usual_devices
 from jaxsph.run.interrupt import hear_interrupts
 from jaxsph.run.lowered import key_of
@@ -204,7 +204,7 @@ def _drive(
             model, state, readings = advance_chunk(
                 model, advance, bar.write, start.problem.name, start.problem.remedies
             )
-            own = with_settings(own, search_settings(model))
+            own = with_settings_of(own, model)
             series = recorder.record(own, gather(state, count), whole(readings))
             bar.update(n_steps)
             speed = float(series["max_speed"][-1]) if "max_speed" in series else float("nan")

@@ -19,6 +19,7 @@ from jaxsph.model.solution import Solution
 from jaxsph.model.state import State
 from jaxsph.output.hdf5 import Variable
 from jaxsph.output.run_file import RunFile
+from jaxsph.parts.border import flume_of, flumes
 from jaxsph.problem.problem import Problem
 from jaxsph.problem.source import Source
 from jaxsph.run.chunks import sample_times, search_settings
@@ -83,17 +84,24 @@ class Recorder:
 
     def _snapshot(self, model: Model, state: State) -> dict[str, Any]:
         """Particles in the order of their ids, poses of the solids, and points of the links."""
-        p = state.particles
-        order = np.argsort(np.asarray(p.id))
         snapshot = {
             "time": int(state.step) / self.sample_every * self.problem.sample_dt,
             "step": int(state.step),
-            "x": np.asarray(p.x)[order],
-            "u": np.asarray(p.u)[order],
-            "p": np.asarray(_pressure(model, state))[order],
-            "id": np.asarray(p.id)[order],
         }
-        return snapshot | places_of(model, state)
+        zones = [_fields(model, state)]
+        if flumes(model):
+            zones.append(_fields(*flume_of(model, state), first=len(zones[0]["id"])))
+        joined = {name: np.concatenate([zone[name] for zone in zones]) for name in zones[0]}
+        return snapshot | joined | places_of(model, state)
+
+
+def _fields(model: Model, state: State, first: int = 0) -> dict[str, np.ndarray]:
+    """Fields of the particles in the order of their ids, which begin with `first`."""
+    p = state.particles
+    order = np.argsort(np.asarray(p.id))
+    pressure = np.asarray(_pressure(model, state))
+    found = {"x": p.x, "u": p.u, "p": pressure, "id": np.asarray(p.id) + first}
+    return {name: np.asarray(a)[order] for name, a in found.items()}
 
 
 _pressure = jax.jit(Model.pressure)

@@ -13,6 +13,7 @@ import shapely
 from jaxsph.model.interfaces import Model
 from jaxsph.model.mechanism import Mechanism
 from jaxsph.model.state import State
+from jaxsph.parts.border import flume_of, flumes
 from jaxsph.problem.problem import Problem
 from jaxsph.solids.box import SIDES
 from jaxsph.solids.shapes import box_corners
@@ -31,7 +32,8 @@ def scene_of(problem: Problem) -> dict[str, Any]:
     """
     model = problem.model
     walls = model.walls
-    low, high = ((float(ends[0]), float(ends[-1])) for ends in (walls.low, walls.high))
+    near = flume_of(model, problem.state)[0].walls.low if flumes(model) else walls.low
+    low, high = ((float(ends[0]), float(ends[-1])) for ends in ((near[0], walls.low[-1]), walls.high))
     far = FAR * max(high[0] - low[0], high[1] - low[1])
     beside, below = SIDES[walls.sides[0]], SIDES[walls.sides[-1]]
     depth = float(model.depth)

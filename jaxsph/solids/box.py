@@ -153,6 +153,10 @@ class Box:
     At an end without a wall, `low` or `high` is only a limit that the water must not pass.
     """
 
+    far_moves: bool = False
+    """Whether the wall at the high end of the first axis moves. The bed then extends by `stroke` behind
+    `high`."""
+
     def __post_init__(self) -> None:
         """Fills in the default `sides`, and checks the sides and the extents."""
         if not self.sides:

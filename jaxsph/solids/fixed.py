@@ -16,7 +16,7 @@ __all__ = ["PlatformBed", "TankWalls", "ThinPlate"]
 class TankWalls(AbstractSolid):
     """Walls of a tank at rest.
 
-    A moving wall at the low end of the first axis is a separate solid, and is not included.
+    A moving wall at an end of the first axis is a separate solid, and is not included.
     """
 
     low: tuple[float, ...] = eqx.field(static=True)
@@ -30,6 +30,8 @@ class TankWalls(AbstractSolid):
     """
     paddle: bool = eqx.field(static=True, default=False)
     """Whether the wall at the low end of the first axis moves."""
+    far_moves: bool = eqx.field(static=True, default=False)
+    """Whether the wall at the high end of the first axis moves."""
     name: str = eqx.field(static=True, default="", kw_only=True)
 
     def push(self, motion, x, dx, c0):
@@ -38,7 +40,7 @@ class TankWalls(AbstractSolid):
         low, high = jnp.asarray(self.low, x.dtype), jnp.asarray(self.high, x.dtype)
         ends = [SIDES[side] for side in self.sides]
         floor = [float(end[0] and not (self.paddle and axis == 0)) for axis, end in enumerate(ends)]
-        lid = [float(end[1]) for end in ends]
+        lid = [float(end[1] and not (self.far_moves and axis == 0)) for axis, end in enumerate(ends)]
         return jnp.asarray(floor, x.dtype) * spring(x - low, dx, c0) - jnp.asarray(lid, x.dtype) * spring(
             high - x, dx, c0
         )
@@ -51,6 +53,8 @@ class TankWalls(AbstractSolid):
         if self.paddle:
             under = under.at[:, 0].set(False)
         over = x > high + 0.5 * dx
+        if self.far_moves:
+            over = over.at[:, 0].set(False)
         # water above an open rim counts as leaving the tank, not as inside a wall, even beside the tank
         gone = over[:, -1] & (self.sides[-1] == "spill")
         return jnp.any(under | over, axis=1) & ~gone

@@ -37,7 +37,7 @@ WIDEST_SKIN = 0.8
 """Largest margin of the neighbour search, in spacings, for which the rows for images suffice."""
 
 Placed = Callable[[Float[Array, "M D"]], Float[Array, "M D"]]
-"""Function from rest positions of points fixed to the paddle (m) to their present positions (m)."""
+"""Function from rest positions of points fixed to the moving ends (m) to their present positions (m)."""
 
 
 class Plane(NamedTuple):
@@ -50,7 +50,7 @@ class Plane(NamedTuple):
     """Side of the plane on which the water is: 1 towards larger coordinates, -1 towards smaller
     coordinates."""
     moves: bool
-    """Whether the wall is the paddle."""
+    """Whether the wall is the paddle, or a far end that moves."""
     ends: tuple[tuple[int, float, float], ...]
     """Axes along which the wall has ends, each with the coordinates (m) of the low and the high end."""
 
@@ -109,7 +109,7 @@ class Images(eqx.Module):
     """
 
     sets: tuple[ImageSet, ...] = eqx.field(static=True, default=())
-    """Sets of images; sets whose walls include the paddle come first."""
+    """Sets of images; sets whose walls include the paddle come first, then those of a far end that moves."""
     dx: float = eqx.field(static=True, default=0.0)
     """Spacing, m."""
 
@@ -121,7 +121,11 @@ class Images(eqx.Module):
         """
         walls = list(_walls(box, platforms))
         corners = [corner for k, wall in enumerate(walls) for corner in _corners((wall,), walls[k + 1 :])]
-        corners.sort(key=lambda planes: not any(plane.moves for plane in planes))
+
+        def order(planes: tuple[Plane, ...]) -> list[bool]:
+            return [not any(plane.moves and plane.side == side for plane in planes) for side in (1.0, -1.0)]
+
+        corners.sort(key=order)
         sets, start = [], 0
         for planes in corners:
             count = _count(ImageSet(planes, (0, 0)), box, dx, radius)
@@ -133,6 +137,12 @@ class Images(eqx.Module):
     def count(self) -> int:
         """Number of rows, including empty ones."""
         return self.sets[-1].rows[1] if self.sets else 0
+
+    @property
+    def of_far_end(self) -> int:
+        """Number of rows of the sets whose walls include a far end that moves."""
+        far = [one.rows for one in self.sets if any(p.moves and p.side < 0 for p in one.planes)]
+        return sum(last - first for first, last in far)
 
     def image(self, x: Float[Array, "I D"], paddle: Placed) -> Float[Array, "I D"]:
         """Positions (m) of the images of all rows, whose particles are at x (m); `paddle`: see `Placed`."""
@@ -192,7 +202,8 @@ def _walls(box: Box, platforms: Sequence[Platform]) -> Iterator[Plane]:
                 elif axis == 0 and side < 0:
                     ends = ((top, platform.height, np.inf),)
             if there:
-                yield Plane(axis, float(at), side, box.paddle and axis == 0 and side > 0, ends)
+                moves = axis == 0 and (box.paddle if side > 0 else box.far_moves)
+                yield Plane(axis, float(at), side, moves, ends)
 
 
 def _corners(planes: tuple[Plane, ...], walls: Sequence[Plane]) -> Iterator[tuple[Plane, ...]]:
@@ -207,8 +218,9 @@ def _extent(one: ImageSet, box: Box, axis: int) -> tuple[float, float]:
     """Low and high end (m) of a set's images along an axis to which none of its walls is normal."""
     ends = [end[1:] for end in one.windows if end[0] == axis]
     behind = box.stroke if axis == 0 else 0.0
+    beyond = behind if box.far_moves else 0.0
     return max([box.low[axis] - behind, *(low for low, _ in ends)]), min(
-        [box.high[axis], *(b for _, b in ends)]
+        [box.high[axis] + beyond, *(b for _, b in ends)]
     )
 
 

@@ -89,6 +89,8 @@ class Ghosts(eqx.Module):
     """Regions of the water, with the particles and ghosts that each region sees."""
     paddle: tuple[int, ...] = eqx.field(static=True)
     """Index of the paddle's first ghost, and of the ghost after the paddle's last; () without a paddle."""
+    far_end: tuple[int, ...] = eqx.field(static=True)
+    """The same for a far end that moves; () if it is at rest."""
     low: tuple[float, ...] = eqx.field(static=True)
     """Low ends of the water's domain, m."""
     high: tuple[float, ...] = eqx.field(static=True)
@@ -142,6 +144,7 @@ class Ghosts(eqx.Module):
         ghosts, owner = _in_order(parts, images.count)
         ghosts = ghosts._replace(node=filling.nodes(ghosts.x, ghosts.node))
         node_sees = _seen_by_nodes(ghosts, regions)
+        near = int(ghosts.moves.sum()) - images.of_far_end
         at = slice(images.count, None)  # images have no nodes
         # the water level is evaluated at ghosts that never move
         told = isinstance(filling, DummyParticles) & ~np.isin(owner, 1 + np.arange(len(shapes)))
@@ -156,7 +159,8 @@ class Ghosts(eqx.Module):
             kind=on_device(ghosts.kind, jnp.int32),
             node_sees=on_device(node_sees, jnp.int32),
             regions=regions,
-            paddle=(0, int(ghosts.moves.sum())) if ghosts.moves.any() else (),
+            paddle=(0, near) if near else (),
+            far_end=(near, near + images.of_far_end) if images.of_far_end else (),
             low=box.low,
             high=box.high,
             sides=box.sides,
@@ -178,7 +182,7 @@ class Ghosts(eqx.Module):
 
     def solids(self) -> tuple[AbstractSolid, ...]:
         """Solids at rest to which ghosts belong: the tank's walls, the plates and the platform."""
-        tank = TankWalls(self.low, self.high, self.sides, bool(self.paddle))
+        tank = TankWalls(self.low, self.high, self.sides, bool(self.paddle), bool(self.far_end))
         return (tank, *map(ThinPlate, self.regions.plates), *map(PlatformBed, self.regions.platforms))
 
     @property
@@ -343,6 +347,8 @@ def _tank(
     if isinstance(filling, MirrorImages):
         images = Images.of(box, regions.platforms, dx, radius)
         return images, images.empty_rows(box, radius)
+    if box.far_moves:
+        raise ValueError(f"filling = {type(filling).__name__}: a far end that moves needs MirrorImages")
     ghosts = box_ghosts(box, dx, layers)
     for platform in regions.platforms:
         ghosts = cut_by_platform(ghosts, box, platform, regions, dx, layers)

@@ -1,0 +1,167 @@
+"""Gates of the border between a coarse flume and finer water: still water, a standing wave, a train of waves,
+and the OWC against the same spacing everywhere."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+import jaxsph as js
+from experiments.common import Report, solved
+from experiments.studies.convergence import QUANTITIES, read, study_case
+from jaxsph import analysis
+from jaxsph.analysis.reflection import fundamental, separated
+from jaxsph.waves import theory
+
+FACTOR = 4
+"""Ratio of the flume's spacing to that behind the border."""
+DEPTH, HEIGHT, PERIOD = 0.4, 0.04, 1.2
+"""Depth and height of the waves, m, and their period, s."""
+IN_FLUME, BEHIND = (2.2, 2.5, 2.75, 3.0), (6.0, 6.3, 6.55, 6.8)
+"""Positions of the gauges on the two sides of the border of the long tank, m."""
+BORDER = 4.8
+"""Position of the border in the long tank, m."""
+OWC_BORDER = 2.34
+"""Position of the border in the tank of 3 m with the OWC, m."""
+
+
+def main(dx: float = 0.005, train: bool = True, device: bool = True) -> None:
+    """Runs the gates with the spacing dx (m) behind the border; `train`, `device`: also the train of waves
+    and the OWC, which take most of the time."""
+    with Report(f"border_{dx:g}", "Border between a coarse flume and finer water", dx) as report:
+        _still(report, dx)
+        _standing(report, dx)
+        if train:
+            _train(report, dx)
+        if device:
+            _device(report, dx)
+
+
+def tank(dx: float, length: float, flume: float | None, **changes: Any) -> js.Case:
+    """A tank of this length (m) with a flume of the length `flume` (m), or without a flume."""
+    own = {} if flume is None else {"flume": {"length": flume, "factor": FACTOR}}
+    return js.Case.from_dict(
+        {
+            "name": "border",
+            "dx": dx,
+            "t1": 10.0,
+            "scheme": {"kind": "incompressible"},
+            "tank": {"length": length, "depth": DEPTH},
+            "output": {"sample_dt": 0.02, "snapshot_dt": 1.0},
+            **own,
+            **changes,
+        }
+    )
+
+
+def _still(report: Report, dx: float) -> None:
+    run = solved(tank(dx, 2.0, 0.8), f"border_still_{dx:g}")
+    speed = float(np.max(run.series()["max_speed"])) / np.sqrt(9.81 * DEPTH)
+    report.row(
+        "still water, 10 s: largest speed over sqrt(g d)",
+        100 * speed,
+        "%",
+        bar="0.5 %",
+        passes=speed <= 0.005,
+    )
+
+
+def _standing(report: Report, dx: float) -> None:
+    k = np.pi  # mode 2 of a tank of 2 m
+    linear = 2.0 * np.pi / np.sqrt(9.81 * k * np.tanh(k * DEPTH))
+    gauges = {"gauges": [0.05, 1.0, 1.95]}
+    for name, flume in (("across the border", 0.8), ("coarse everywhere", None)):
+        spacing = dx if flume else FACTOR * dx
+        case = tank(spacing, 2.0, flume, start={"amplitude": 0.02, "mode": 2}, probes=gauges)
+        series = solved(case, f"border_standing_{spacing:g}_{bool(flume):d}").series()
+        found = [analysis.fit_damped_oscillation(series["time"], eta) for eta in series["eta"].T]
+        period = float(np.mean([2.0 * np.pi / one.omega for one in found])) / linear - 1.0
+        decay = [one.decay_rate for one in found]
+        what, apart = f"standing wave {name}", bool(flume)
+        bar = {"bar": "0.5 %", "passes": abs(period) <= 0.005} if apart else {}
+        report.row(f"{what}: period over the linear one, less one", 100 * period, "%", theory=0.0, **bar)
+        bar = {"bar": "0.003 1/s", "passes": max(map(abs, decay)) <= 0.003} if apart else {}
+        report.row(f"{what}: decay rate, of the three gauges the largest", max(decay, key=abs), "1/s", **bar)
+        report.row(f"{what}: decay rate, mean", float(np.mean(decay)), "1/s")
+
+
+def _train(report: Report, dx: float) -> None:
+    found = {}
+    for flume in (BORDER, None):
+        spacing = dx if flume else FACTOR * dx
+        case = tank(
+            spacing,
+            9.2,
+            flume,
+            t1=20.0,
+            waves={"H": HEIGHT, "T": PERIOD},
+            sponge={"length": 2.0, "strength": 5.0},
+            probes={"gauges": [*IN_FLUME, *BEHIND]},
+        )
+        run = solved(case, f"border_train_{spacing:g}_{bool(flume):d}")
+        found[bool(flume)] = _two_ways(run.series())
+        if flume:
+            results = run.results()
+            share = results["border_residual"]
+            report.row(
+                "train of waves: share of the power lost at the border",
+                100 * share,
+                "%",
+                bar="0.5 %",
+                passes=abs(share) <= 0.005,
+            )
+            report.row("train of waves: power through the border", results["border_power"], "W/m")
+    here, coarse = found[True], found[False]
+    reflected = abs(here[0] - coarse[0])
+    report.row(
+        "train of waves: reflection by the border", 100 * reflected, "%", bar="1 %", passes=reflected <= 0.01
+    )
+    wavelengths = (BEHIND[0] - IN_FLUME[0]) / _wavelength()
+    for name, (_, ratio) in (("border", here), ("coarse everywhere", coarse)):
+        decay = 100 * (1.0 - ratio) / wavelengths
+        bar = {"bar": "0.5 %", "passes": abs(decay) <= 0.5} if name == "border" else {}
+        report.row(f"train of waves, {name}: decay per wavelength between the gauges", decay, "%", **bar)
+
+
+def _wavelength() -> float:
+    return 2.0 * np.pi / float(theory.wavenumber(2.0 * np.pi / PERIOD, DEPTH, 9.81))
+
+
+def _two_ways(series: dict[str, np.ndarray]) -> tuple[complex, float]:
+    """Complex reflection coefficient in the flume, and ratio of the incident heights behind and in it."""
+    t = series["time"]
+    last = t > t[-1] - 5.0 * PERIOD
+    k, waves = 2.0 * np.pi / _wavelength(), []
+    for at, columns in ((IN_FLUME, slice(0, 4)), (BEHIND, slice(4, 8))):
+        B = fundamental(t[last], series["eta"].T[columns][:, last], PERIOD)
+        (along,), (against,), _ = separated(np.array([k]), np.array(at), B[None])
+        waves.append((along, against))
+    return complex(waves[0][1] / waves[0][0]), float(abs(waves[1][0]) / abs(waves[0][0]))
+
+
+def _device(report: Report, dx: float) -> None:
+    everywhere = study_case("incompressible", dx)
+    behind = everywhere.replace({"flume.length": OWC_BORDER, "flume.factor": FACTOR})
+    found, whole = (
+        read(case, solved(case, f"border_owc_{dx:g}_{name}"))
+        for case, name in ((behind, "behind"), (everywhere, "everywhere"))
+    )
+    for name, (text, _) in QUANTITIES.items():
+        change = found.values[name] / whole.values[name] - 1.0
+        error = float(np.hypot(found.errors[name], whole.errors[name])) / whole.values[name]
+        report.row(
+            f"OWC, {text}: change against the same spacing everywhere",
+            100 * change,
+            "%",
+            bar="1 %",
+            passes=abs(change) <= 0.01,
+        )
+        report.row(f"OWC, {text}: standard error of this change", 100 * error, "%")
+    report.row("OWC: xi", found.values["xi"])
+    report.row("OWC: share of the power lost at the border", 100 * found.results["border_residual"], "%")
+    seconds = found.results["wall_seconds"]
+    report.row("OWC: wall time", seconds, "s")
+    report.row(
+        "OWC: wall time over that with this spacing everywhere", seconds / whole.results["wall_seconds"]
+    )
