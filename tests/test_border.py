@@ -127,8 +127,7 @@ def test_images_in_a_far_end_that_moves():
     smoothing = Smoothing(KERNEL[2], jnp.float32(0.06))
     box = js.Box((0.0, 0.0), (1.0, 0.8), stroke=0.2, far_moves=True)
     walls = js.Ghosts.build(box, 0.05, smoothing, js.FreeSlip())
-    first, last = walls.far_end
-    assert not walls.paddle and first == 0 and last == walls.images.of_far_end
+    assert not walls.paddle and walls.far_end == walls.images.far_end
     x = jnp.array([[0.97, 0.03], [0.02, 0.5]], jnp.float32)
 
     def moved(x):

@@ -95,14 +95,7 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
     g[-1] = -case.g
     still = (x, volume / walls.width)
     skin = LONG_STEP_SKIN[case.dim] if case.scheme.kind == "incompressible" else SKIN
-    zones: tuple[AbstractDamper, ...] = ()
-    moving: tuple[AbstractPaddle, ...] = ()
-    if case.flume is not None:
-        steps = cadence(case.output.sample_dt, stable_time_step(case), search_speed(case), skin * case.dx)
-        moving = (make_border(case, geometry, walls, still, case.output.sample_dt / math.prod(steps)),)
-    elif case.waves is not None:
-        moving = (make_paddle(case, geometry, walls, still, leaf),)
-        zones = make_zones(case, geometry, leaf)
+    moving, zones = _near_end(case, geometry, walls, still, skin)
     return assemble(
         x,
         initial_velocity(case, geometry, x),
@@ -126,6 +119,26 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
         settings=settings,
         search_by=_search_method(case),
     )
+
+
+def _near_end(
+    case: Sections, geometry: Geometry, walls: Ghosts, still: tuple[np.ndarray, np.ndarray], skin: float
+) -> tuple[tuple[AbstractPaddle, ...], tuple[AbstractDamper, ...]]:
+    """Wall that moves at the near end, a paddle or the border of a flume, and the relaxation zones there.
+
+    **Arguments**: `still`: positions (m) of the particles at rest and their volumes per metre of the tank's
+    width (m2); `skin` of the neighbour tables, in spacings.
+    """
+
+    def leaf(a: Any) -> jax.Array:
+        return on_device(a, np.dtype(case.precision))
+
+    if case.flume is not None:
+        steps = cadence(case.output.sample_dt, stable_time_step(case), search_speed(case), skin * case.dx)
+        return (make_border(case, geometry, walls, still, case.output.sample_dt / math.prod(steps)),), ()
+    if case.waves is None:
+        return (), ()
+    return (make_paddle(case, geometry, walls, still, leaf),), make_zones(case, geometry, leaf)
 
 
 _placed = eqx.filter_jit(RigidBody.place)

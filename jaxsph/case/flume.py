@@ -18,7 +18,7 @@ from jaxsph.case.speeds import search_speed, wavenumber
 from jaxsph.core.arrays import on_device
 from jaxsph.errors import CaseError
 from jaxsph.model.meaning import Label
-from jaxsph.parts.border import Border, Edge, FlumeEnd
+from jaxsph.parts.border import REACH, Border, Edge, FlumeEnd
 from jaxsph.parts.paddle import column_depth
 from jaxsph.problem.record import Record, Result
 from jaxsph.schemes.base import AbstractParticleScheme
@@ -36,6 +36,8 @@ BELL = 3.0
 """Half-width of the column of water that an edge's gauge measures, in spacings of the flume."""
 WEIGHT = 1.2
 """Width of the Gaussian weight of a measured velocity, in spacings of the flume."""
+ROOM = 2
+"""Ratio of the largest number of particles near an edge to that in still water beside a straight edge."""
 FEEDBACK = 0.3
 """Ratio of an edge's answer to a difference between the zones' elevations to that of an absorbing wall (-).
 Differences that last, such as one of the levels, decay in a second or two; a full answer adds noise."""
@@ -219,8 +221,9 @@ class _Edges:
             "gain": FEEDBACK * case.g / speed,
             "drift": np.sqrt(case.g / depth) / STRAIGHTENING,
         }
+        beside = np.abs(self.zones[1 if side > 0 else 0][0][:, 0] - face) < REACH * WEIGHT * dx
         leaves = {name: on_device(a, np.dtype(case.precision)) for name, a in numbers.items()}
-        return Edge(**leaves, side=side)
+        return Edge(**leaves, most=ROOM * int(np.sum(beside)), side=side)
 
     def _depth(self, x: np.ndarray, volume: np.ndarray, gauge: float, bell: float) -> float:
         """Depth (m) that a gauge reads in still water."""

@@ -22,7 +22,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxsph.core.arrays import Array, Float, Int, Scalar, columns
+from jaxsph.core.arrays import Array, Components, Float, Int, Scalar, columns
+from jaxsph.core.native.forms import true_indices
 from jaxsph.core.parts import Part
 from jaxsph.model.interfaces import Model
 from jaxsph.model.meaning import Entry, Exchange, Reading
@@ -73,6 +74,8 @@ class Edge(eqx.Module):
     """Velocity of the edge per metre of difference between the elevations, b g/c, 1/s."""
     drift: Scalar
     """Rate at which the edge straightens, 1/s; otherwise the waves' drift would shear it without end."""
+    most: int = eqx.field(static=True)
+    """Largest number of the other zone's particles near the edge."""
     side: float = eqx.field(static=True)
     """Direction from the edge into its own zone: 1 along x, -1 against x."""
 
@@ -93,7 +96,16 @@ class Edge(eqx.Module):
         `V`: volumes of the other zone's particles, m2.
         """
         at = columns(jnp.stack([self.face + motion.X, self.heights], axis=1))
-        return _velocity(other, V, at, self.width), self.depth(other, V) - self.other_still
+        reach, n = REACH * self.width, len(other.x)
+        near = (other.x[:, 0] > jnp.min(at[0]) - reach) & (other.x[:, 0] < jnp.max(at[0]) + reach)
+        rows = jnp.minimum(true_indices(near, self.most), n - 1)
+        there = jnp.arange(self.most) < jnp.sum(near)
+        chosen = jax.tree.map(lambda a: a[rows], (columns(other.x), other.u[:, 0], jnp.where(near, V, 0.0)))
+        x, u, V_near = chosen
+        found = _velocity(x, u, jnp.where(there, V_near, 0.0), at, self.width)
+        # too many particles would be counted in part: the run must stop
+        found = jnp.where(jnp.sum(near) > self.most, jnp.nan, found)
+        return found, self.depth(other, V) - self.other_still
 
     def following(self, motion: EdgeMotion, u: Float[Array, " K"], eta: Scalar) -> EdgeMotion:
         """The motion with other velocities u (m/s) and another elevation eta (m) to follow."""
@@ -117,20 +129,22 @@ class Edge(eqx.Module):
 
 
 def _velocity(
-    water: Particles, V: Float[Array, " N"], at: tuple[Array, ...], width: Scalar
+    x: Components, u: Float[Array, " N"], V: Float[Array, " N"], at: Components, width: Scalar
 ) -> Float[Array, " K"]:
     """Horizontal velocity (m/s) of water at the points `at` (m), exact for a linear velocity.
+
+    **Arguments**: positions x (m), horizontal velocities u (m/s) and volumes V (m2) of the particles.
 
     A plane is fitted with a Gaussian weight of the given `width` (m), which has no error in the interior of
     irrotational flow, where velocities are harmonic. Points above the surface have the velocity of the
     highest wet point.
     """
-    away = [(x[None] - a[:, None]) / width for x, a in zip(columns(water.x), at, strict=True)]
+    away = [(x[None] - a[:, None]) / width for x, a in zip(x, at, strict=True)]
     r2 = sum(a * a for a in away)
     weight = jnp.where(r2 < REACH**2, jnp.exp(-r2), 0.0) * V
     terms = jnp.stack([jnp.ones_like(r2), *away])
     weighted = terms * weight
-    moments, right = jnp.einsum("akn,bkn->kab", weighted, terms), weighted @ water.u[:, 0]
+    moments, right = jnp.einsum("akn,bkn->kab", weighted, terms), weighted @ u
     full = moments[:, 0, 0]
     firm = 1e-6 * full[:, None, None] + 1e-6 * width**2
     fit = jnp.linalg.solve(moments + firm * jnp.eye(len(terms)), right.T[..., None])[:, 0, 0]

@@ -139,10 +139,10 @@ class Images(eqx.Module):
         return self.sets[-1].rows[1] if self.sets else 0
 
     @property
-    def of_far_end(self) -> int:
-        """Number of rows of the sets whose walls include a far end that moves."""
-        far = [one.rows for one in self.sets if any(p.moves and p.side < 0 for p in one.planes)]
-        return sum(last - first for first, last in far)
+    def far_end(self) -> tuple[int, ...]:
+        """First and last row of the sets whose walls include a far end that moves; () without such an end."""
+        rows = [one.rows for one in self.sets if any(p.moves and p.side < 0 for p in one.planes)]
+        return (rows[0][0], rows[-1][1]) if rows else ()
 
     def image(self, x: Float[Array, "I D"], paddle: Placed) -> Float[Array, "I D"]:
         """Positions (m) of the images of all rows, whose particles are at x (m); `paddle`: see `Placed`."""

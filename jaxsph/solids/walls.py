@@ -89,8 +89,6 @@ class Ghosts(eqx.Module):
     """Regions of the water, with the particles and ghosts that each region sees."""
     paddle: tuple[int, ...] = eqx.field(static=True)
     """Index of the paddle's first ghost, and of the ghost after the paddle's last; () without a paddle."""
-    far_end: tuple[int, ...] = eqx.field(static=True)
-    """The same for a far end that moves; () if it is at rest."""
     low: tuple[float, ...] = eqx.field(static=True)
     """Low ends of the water's domain, m."""
     high: tuple[float, ...] = eqx.field(static=True)
@@ -144,7 +142,6 @@ class Ghosts(eqx.Module):
         ghosts, owner = _in_order(parts, images.count)
         ghosts = ghosts._replace(node=filling.nodes(ghosts.x, ghosts.node))
         node_sees = _seen_by_nodes(ghosts, regions)
-        near = int(ghosts.moves.sum()) - images.of_far_end
         at = slice(images.count, None)  # images have no nodes
         # the water level is evaluated at ghosts that never move
         told = isinstance(filling, DummyParticles) & ~np.isin(owner, 1 + np.arange(len(shapes)))
@@ -159,8 +156,7 @@ class Ghosts(eqx.Module):
             kind=on_device(ghosts.kind, jnp.int32),
             node_sees=on_device(node_sees, jnp.int32),
             regions=regions,
-            paddle=(0, near) if near else (),
-            far_end=(near, near + images.of_far_end) if images.of_far_end else (),
+            paddle=(0, min([*images.far_end, int(ghosts.moves.sum())])) if box.paddle else (),
             low=box.low,
             high=box.high,
             sides=box.sides,
@@ -174,6 +170,11 @@ class Ghosts(eqx.Module):
     def period(self) -> Period:
         """Periodic axes, each with its length (m)."""
         return Box(self.low, self.high, sides=self.sides).period
+
+    @property
+    def far_end(self) -> tuple[int, ...]:
+        """First ghost of a far end that moves, and the ghost after its last; () if it is at rest."""
+        return self.images.far_end
 
     @property
     def width(self) -> float:
