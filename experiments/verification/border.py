@@ -32,10 +32,10 @@ def main(dx: float = 0.005, train: bool = True, device: bool = True) -> None:
     with Report(f"border_{dx:g}", "Border between a coarse flume and finer water", dx) as report:
         _still(report, dx)
         _standing(report, dx)
-        if train:
-            _train(report, dx)
         if device:
             _device(report, dx)
+        if train:
+            _train(report, dx)
 
 
 def tank(dx: float, length: float, flume: float | None, **changes: Any) -> js.Case:

@@ -17,7 +17,7 @@ from jaxsph.case.sections import ProbesSection, Sections
 from jaxsph.case.speeds import search_speed, wavenumber
 from jaxsph.core.arrays import on_device
 from jaxsph.errors import CaseError
-from jaxsph.model.meaning import Label
+from jaxsph.model.meaning import Group, Label
 from jaxsph.parts.border import REACH, Border, Edge, FlumeEnd
 from jaxsph.parts.paddle import column_depth
 from jaxsph.problem.record import Record, Result
@@ -169,18 +169,18 @@ def border_results(case: Sections) -> tuple[Result, ...]:
         return float(np.mean(record[power][over[1:]]) - side * hydrostatic * (X[1] - X[0]) / (t[1] - t[0]))
 
     def make(record: Record) -> dict[str, float]:
+        if not record.window.periods:
+            return {}
         given = -mean(record, "flume_far_end", "far_end", -1.0)
         taken = mean(record, "power_paddle", "border", 1.0)
         return {"border_power": taken, "border_residual": (given - taken) / given}
 
     labels = {
         "border_power": Label(
-            "power through the border", "W/m", "mean power that the flume's water passes on"
+            "power through the border", "W/m", "mean power that the water takes", Group.NUMERICS
         ),
         "border_residual": Label(
-            "share of the power lost at the border",
-            "",
-            "mean power given less mean power taken, over the former",
+            "power lost at the border", "", "mean power given less taken, over given", Group.NUMERICS
         ),
     }
     return (Result(make, labels, "border of the flume"),)

@@ -11,7 +11,12 @@ from jaxsph.case.linear import incident_power
 from jaxsph.case.sections import Sections
 from jaxsph.case.speeds import wavenumber
 from jaxsph.core.native.forms import SHARE, available
+from jaxsph.model.interfaces import Model
+from jaxsph.parts.border import flumes
 from jaxsph.problem.sources import source_of
+
+SEARCHED = 2.0
+"""Time of a step with a neighbour search over that of a step, for a flume, which searches at every step."""
 
 
 def check(given: Any) -> list[tuple[str, str]]:
@@ -20,7 +25,7 @@ def check(given: Any) -> list[tuple[str, str]]:
     source = source_of(given)
     problem = source.problem()
     model, dx = problem.model, float(problem.model.dx)
-    n, ghosts, dim = len(problem.state.particles.id), model.walls.count, len(model.g)
+    n, ghosts = len(problem.state.particles.id), model.walls.count
     steps = int(np.ceil(problem.t1 / float(model.dt) - 1e-3))
     about = f"{problem.name}: {problem.description}" if problem.description else problem.name
     rows = [
@@ -41,14 +46,24 @@ def check(given: Any) -> list[tuple[str, str]]:
             ("paddle stroke", f"{geometry.stroke:.4g} m"),
             ("incident power", f"{incident_power(source):.4g} W per metre of width{whole}"),
         ]
-    search = model.search
-    costly = n + model.walls.filling.effort * ghosts
-    seconds = steps * costly * model.scheme.cost(dx, dim) * (SHARE if available() else 1.0)
+    search, seconds = model.search, _cost(model, n)
+    for border in flumes(model):
+        flume, count = border.flume, len(border.first.particles.id)
+        where = f"up to x = {border.face:g} m, with an overlap"
+        rows.append(("flume", f"{count:,} particles of water, dx = {float(flume.dx):g} m, {where}"))
+        seconds += SEARCHED * _cost(flume, count) / border.ratio
+    seconds *= steps * (SHARE if available() else 1.0)
     return [
         *rows,
         ("neighbours", f"{search.capacity} slots, searched every {search.rebuild_every} steps"),
         ("wall time", f"about {in_time(seconds)} on one core of a current CPU"),
     ]
+
+
+def _cost(model: Model, count: int) -> float:
+    """Time of a step with `count` particles of water, s, on one core of a current CPU."""
+    costly = count + model.walls.filling.effort * model.walls.count
+    return costly * model.scheme.cost(float(model.dx), len(model.g))
 
 
 def in_time(seconds: float) -> str:

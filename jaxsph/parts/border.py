@@ -21,6 +21,7 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxsph.core.arrays import Array, Components, Float, Int, Scalar, columns
 from jaxsph.core.native.forms import true_indices
@@ -168,6 +169,11 @@ class FlumeEnd(AbstractPaddle):
         del dtype
         return self.edge.start()
 
+    def outline(self, far):
+        """See `AbstractSolid`: nothing, since water is on both sides."""
+        del far
+        return np.zeros((0, 2))
+
     def entries(self):
         """See `AbstractPart`."""
         return {self.name: Entry("work of the fine zone's water on the flume's", Exchange.GIVEN)}
@@ -243,6 +249,11 @@ class Border(AbstractPaddle):
         still = self.edge.start()
         water = (still.u, still.eta)
         return BorderState(still, self.first, water, water, water, jnp.asarray(self.ratio, jnp.int32))
+
+    def outline(self, far):
+        """See `AbstractSolid`: nothing, since water is on both sides."""
+        del far
+        return np.zeros((0, 2))
 
     def entries(self):
         """See `AbstractPart`."""

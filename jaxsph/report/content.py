@@ -108,6 +108,10 @@ def _about(run: RunFile, keys: dict[str, Any], series: dict[str, np.ndarray]) ->
     rows = [("particle spacing", f"{numbers['dx'][0]:g} m")] if "dx" in numbers else []
     if "particles" in numbers:
         rows.append(("water particles", f"{numbers['particles'][0]:.0f}"))
+    if flume := keys.get("flume"):
+        rows.append(
+            ("coarse flume", f"up to {flume['length']:g} m, spacing {flume['factor']} times as large")
+        )
     if "dt" in numbers:
         rows.append(("time step", f"{numbers['dt'][0]:.4g} s"))
     scheme = keys.get("scheme", {}).get("kind")

@@ -3,6 +3,7 @@ file."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import equinox as eqx
@@ -12,6 +13,7 @@ import shapely
 
 from jaxsph.model.interfaces import Model
 from jaxsph.model.mechanism import Mechanism
+from jaxsph.model.solids import AbstractMovingSolid
 from jaxsph.model.state import State
 from jaxsph.parts.border import flume_of, flumes
 from jaxsph.problem.problem import Problem
@@ -32,8 +34,8 @@ def scene_of(problem: Problem) -> dict[str, Any]:
     """
     model = problem.model
     walls = model.walls
-    near = flume_of(model, problem.state)[0].walls.low if flumes(model) else walls.low
-    low, high = ((float(ends[0]), float(ends[-1])) for ends in ((near[0], walls.low[-1]), walls.high))
+    near = flume_of(model, problem.state)[0].walls if flumes(model) else walls
+    low, high = ((float(ends[0]), float(ends[-1])) for ends in (near.low, walls.high))
     far = FAR * max(high[0] - low[0], high[1] - low[1])
     beside, below = SIDES[walls.sides[0]], SIDES[walls.sides[-1]]
     depth = float(model.depth)
@@ -46,9 +48,10 @@ def scene_of(problem: Problem) -> dict[str, Any]:
             cut = shapely.Polygon(corners).intersection(inside)
             if isinstance(cut, shapely.Polygon) and not cut.is_empty:
                 solids.append(_outline("", np.asarray(cut.exterior.coords)[:-1], np.zeros(2)))
-    for solid in model.movers():
-        _, pivot = solid.pose(problem.state.parts[solid.name])
-        solids.append(_outline(solid.name, solid.outline(far), np.asarray(pivot)))
+    for solid, motion in _movers(model, problem.state):
+        corners = solid.outline(far)
+        if len(corners):
+            solids.append(_outline(solid.name, corners, np.asarray(solid.pose(motion)[1])))
     for body in (body for body in model.bodies if body.fixed):
         corners = body.outline(far)
         if len(body.pivot) == 3:
@@ -59,7 +62,7 @@ def scene_of(problem: Problem) -> dict[str, Any]:
         "dx": float(model.dx),
         "low": low,
         "high": high,
-        "walls": [bool(beside[0] and not walls.paddle), bool(beside[1]), bool(below[0])],
+        "walls": [bool(beside[0] and not near.paddle), bool(beside[1]), bool(below[0])],
         "level": depth if depth < 0.999 * (high[1] - low[1]) else None,
         "solids": solids,
         "lines": list(_lines(model, problem.state)),
@@ -78,8 +81,15 @@ def places_of(model: Model, state: State) -> dict[str, np.ndarray]:
     A pose consists of surge (m), heave (m) and pitch (rad), or of all six motions for a body in 3-D
     (`model.rigid`). The points of a link are `[K, D]` (m).
     """
-    poses = {one.name: np.asarray(one.pose(state.parts[one.name])[0]) for one in model.movers()}
+    poses = {one.name: np.asarray(one.pose(motion)[0]) for one, motion in _movers(model, state)}
     return poses | _lines(model, state)
+
+
+def _movers(model: Model, state: State) -> Iterator[tuple[AbstractMovingSolid, Any]]:
+    """Yields all solids that can move, those of a flume too, with their states."""
+    for zone, its in ((model, state), *([flume_of(model, state)] if flumes(model) else [])):
+        for solid in zone.movers():
+            yield solid, its.parts[solid.name]
 
 
 def _lines(model: Model, state: State) -> dict[str, np.ndarray]:
