@@ -1,14 +1,16 @@
 """Border between a coarse flume and the water of spacing dx: waves that pass it, files, and refusals."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxsph as js
 from jaxsph.core.pairs import Smoothing
+from jaxsph.model.state import Failure
 from jaxsph.output.run_file import RunFile
-from jaxsph.parts.border import flume_of, with_flume
-from jaxsph.run.chunks import with_settings
+from jaxsph.parts.border import flume_of
+from jaxsph.run.chunks import advance_chunk, with_settings_of
 from jaxsph.run.scene import scene_of
 from jaxsph.schemes.kernels import KERNEL
 
@@ -80,15 +82,28 @@ def test_a_resumed_run_continues_both_zones(wave, tmp_path):
     np.testing.assert_array_equal(flume.particles.x, whole.particles.x)
 
 
-def test_tables_of_the_flume_grow_in_a_run():
-    """A flume whose tables are too small is computed again with larger ones, as other water is."""
-    problem = js.Case.from_dict(CASE).problem()
-    flume, _ = flume_of(problem.model, problem.state)
-    small = with_flume(problem.model, with_settings(flume, {"capacity": 8}))
-    problem.model = small
-    solution = js.run(problem, t1=0.2, progress=False)
-    grown, state = flume_of(solution.model, solution.state)
-    assert grown.search.capacity > 8 and int(state.status.bits) == 0
+def test_tables_of_the_flume_grow_in_a_run(wave):
+    """A chunk in which the flume's tables overflow is computed again with larger ones, as other water is, and
+    a failure of the flume that tables do not explain ends the run."""
+    solution, said = wave[0], []
+    model, flume = solution.model, solution.model.moving[0].flume
+    needed = flume.search.capacity + 20
+
+    def failing(failure):
+        def advance(now):
+            full = failure is Failure.NON_FINITE or flume_of(now, solution.state)[0].search.capacity < needed
+            status = solution.state.parts["border"].flume.status
+            status = eqx.tree_at(lambda s: s.bits, status, jnp.int32(failure if full else 0))
+            status = eqx.tree_at(lambda s: s.most["capacity"], status, jnp.int32(needed))
+            return eqx.tree_at(lambda s: s.parts["border"].flume.status, solution.state, status), {}
+
+        return advance
+
+    grown, *_ = advance_chunk(model, failing(Failure.NEIGHBOUR_OVERFLOW), said.append, "flume", {})
+    assert flume_of(grown, solution.state)[0].search.capacity >= needed and len(said) == 1
+    assert with_settings_of(model, grown).moving[0].flume.search.capacity >= needed
+    with pytest.raises(js.SimulationError, match="a value is no longer finite"):
+        advance_chunk(model, failing(Failure.NON_FINITE), said.append, "flume", {})
 
 
 @pytest.mark.parametrize(
