@@ -42,7 +42,7 @@ FEEDBACK = 0.3
 """Ratio of an edge's answer to a difference between the zones' elevations to that of an absorbing wall (-).
 Differences that last, such as one of the levels, decay in a second or two; a full answer adds noise."""
 STRAIGHTENING = 10.0
-"""Time in which an edge straightens, in sqrt(d/g); a wave period of the flume is three to ten of them."""
+"""Time over which an edge's displacement is averaged before it is straightened, in sqrt(d/g)."""
 
 
 def flume_case(case: Sections) -> Sections:

@@ -48,6 +48,8 @@ class EdgeMotion(eqx.Module):
     """Displacements from rest at the edge's heights, m."""
     U: Float[Array, " K"]
     """Velocities, m/s."""
+    slow: Float[Array, " K"]
+    """Slowly varying mean of the displacements, m."""
     u: Float[Array, " K"]
     """Horizontal velocities of the other zone's water at the edge, m/s."""
     eta: Scalar
@@ -74,7 +76,8 @@ class Edge(eqx.Module):
     gain: Scalar
     """Velocity of the edge per metre of difference between the elevations, b g/c, 1/s."""
     drift: Scalar
-    """Rate at which the edge straightens, 1/s; otherwise the waves' drift would shear it without end."""
+    """Rate at which `EdgeMotion.slow` follows the displacements, 1/s. The edge straightens at a quarter of
+    this rate, because the waves' drift would otherwise shear it without end."""
     most: int = eqx.field(static=True)
     """Largest number of the other zone's particles near the edge."""
     side: float = eqx.field(static=True)
@@ -83,7 +86,7 @@ class Edge(eqx.Module):
     def start(self) -> EdgeMotion:
         """Motion of the edge at rest."""
         zero = jnp.zeros_like(self.heights)
-        return EdgeMotion(zero, zero, zero, jnp.zeros_like(self.face))
+        return EdgeMotion(zero, zero, zero, zero, jnp.zeros_like(self.face))
 
     def depth(self, water: Particles, V: Float[Array, " N"]) -> Scalar:
         """Depth of water at the edge's gauge, m, from particles with the volumes V (m2)."""
@@ -110,14 +113,16 @@ class Edge(eqx.Module):
 
     def following(self, motion: EdgeMotion, u: Float[Array, " K"], eta: Scalar) -> EdgeMotion:
         """The motion with other velocities u (m/s) and another elevation eta (m) to follow."""
-        return EdgeMotion(motion.X, motion.U, u, eta)
+        return dataclasses.replace(motion, u=u, eta=eta)
 
     def moved(self, motion: EdgeMotion, water: Particles, V: Float[Array, " N"], dt: Scalar) -> EdgeMotion:
         """Motion at the end of a step of dt (s); `water`, `V`: the edge's own zone, volumes in m2."""
         higher = self.depth(water, V) - self.own_still - motion.eta
-        bent = motion.X - jnp.mean(motion.X)
-        U = motion.u - self.side * self.gain * higher - self.drift * bent
-        return EdgeMotion(motion.X + 0.5 * dt * (motion.U + U), U, motion.u, motion.eta)
+        # the mean over waves, because straightening within a wave would do work on it
+        slow = motion.slow + dt * self.drift * (motion.X - motion.slow)
+        straightening = 0.25 * self.drift * (slow - jnp.mean(slow))
+        U = motion.u - self.side * self.gain * higher - straightening
+        return EdgeMotion(motion.X + 0.5 * dt * (motion.U + U), U, slow, motion.u, motion.eta)
 
     def displacement(self, motion: EdgeMotion) -> Scalar:
         """Mean displacement, weighted with still water's pressure, m: its work is rho g d^2/2 times this."""
@@ -195,11 +200,11 @@ class FlumeEnd(AbstractPaddle):
     def halfway(self, old, new, dt):
         """See `AbstractWall`."""
         del dt
-        return EdgeMotion(0.5 * (old.X + new.X), old.U, old.u, old.eta)
+        return dataclasses.replace(old, X=0.5 * (old.X + new.X))
 
     def with_velocity(self, motion, after):
         """See `AbstractWall`."""
-        return EdgeMotion(motion.X, after.U, motion.u, motion.eta)
+        return dataclasses.replace(motion, U=after.U)
 
     def shift(self, motion, x):
         """See `AbstractPaddle`."""
@@ -326,13 +331,11 @@ class Border(AbstractPaddle):
     def halfway(self, old, new, dt):
         """See `AbstractWall`."""
         del dt
-        edge = EdgeMotion(0.5 * (old.edge.X + new.edge.X), old.edge.U, old.edge.u, old.edge.eta)
-        return BorderState(edge, new.flume, new.before, new.after, new.behind, new.count)
+        return dataclasses.replace(new, edge=dataclasses.replace(old.edge, X=0.5 * (old.edge.X + new.edge.X)))
 
     def with_velocity(self, motion, after):
         """See `AbstractWall`."""
-        edge = EdgeMotion(motion.edge.X, after.edge.U, motion.edge.u, motion.edge.eta)
-        return BorderState(edge, after.flume, after.before, after.after, after.behind, after.count)
+        return dataclasses.replace(after, edge=dataclasses.replace(motion.edge, U=after.edge.U))
 
     def shift(self, motion, x):
         """See `AbstractPaddle`."""
