@@ -95,7 +95,7 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
     g[-1] = -case.g
     still = (x, volume / walls.width)
     skin = LONG_STEP_SKIN[case.dim] if case.scheme.kind == "incompressible" else SKIN
-    moving, zones = _near_end(case, geometry, walls, still, skin)
+    moving, zones = _near_end(case, geometry, walls, still, skin, leaf)
     return assemble(
         x,
         initial_velocity(case, geometry, x),
@@ -122,17 +122,18 @@ def build(case: Sections, settings: dict[str, int] | None = None) -> tuple[Model
 
 
 def _near_end(
-    case: Sections, geometry: Geometry, walls: Ghosts, still: tuple[np.ndarray, np.ndarray], skin: float
+    case: Sections,
+    geometry: Geometry,
+    walls: Ghosts,
+    still: tuple[np.ndarray, np.ndarray],
+    skin: float,
+    leaf: Any,
 ) -> tuple[tuple[AbstractPaddle, ...], tuple[AbstractDamper, ...]]:
     """Wall that moves at the near end, a paddle or the border of a flume, and the relaxation zones there.
 
     **Arguments**: `still`: positions (m) of the particles at rest and their volumes per metre of the tank's
-    width (m2); `skin` of the neighbour tables, in spacings.
+    width (m2); `skin` of the neighbour tables, in spacings; `leaf`: converts a number to an array.
     """
-
-    def leaf(a: Any) -> jax.Array:
-        return on_device(a, np.dtype(case.precision))
-
     if case.flume is not None:
         steps = cadence(case.output.sample_dt, stable_time_step(case), search_speed(case), skin * case.dx)
         return (make_border(case, geometry, walls, still, case.output.sample_dt / math.prod(steps)),), ()

@@ -31,7 +31,17 @@ from jaxsph.model.meaning import Entry, Exchange, Reading
 from jaxsph.model.state import Particles, State
 from jaxsph.parts.paddle import AbstractPaddle, column_depth
 
-__all__ = ["Border", "BorderState", "Edge", "EdgeMotion", "FlumeEnd", "flume_of", "flumes", "with_flume"]
+__all__ = [
+    "Border",
+    "BorderState",
+    "Edge",
+    "EdgeMotion",
+    "FlumeEnd",
+    "flume_of",
+    "flumes",
+    "with_flume",
+    "zones",
+]
 
 FAR_END = "far_end"
 """Name of the flume's flexible end in the flume's model."""
@@ -355,6 +365,11 @@ def flume_of(model: Model, state: State) -> tuple[Model, State]:
     """Model of the flume, and its state within a state of the whole model."""
     (border,) = flumes(model)
     return border.flume, state.parts[border.name].flume
+
+
+def zones(model: Model, state: State) -> tuple[tuple[Model, State], ...]:
+    """The model and its state, and those of its flume, if it has one."""
+    return (model, state), *(flume_of(model, state) for _ in flumes(model))
 
 
 def with_flume(model: Model, flume: Model) -> Model:

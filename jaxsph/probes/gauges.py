@@ -56,11 +56,8 @@ class FlumeGauge(AbstractProbe):
 
     def measure(self, model, state, tables):
         """See `AbstractProbe.measure`."""
-        zone, its_state = flume_of(model, state)
-        behind, before = (
-            gauge.measure(*zone_and_state, tables)["eta"]
-            for gauge, zone_and_state in ((self.own, (model, state)), (self.flume, (zone, its_state)))
-        )
+        behind = self.own.measure(model, state, tables)["eta"]
+        before = self.flume.measure(*flume_of(model, state), tables)["eta"]
         return {"eta": jnp.where(self.own.x < self.border, before, behind)}
 
     def describe(self):

@@ -16,7 +16,7 @@ from jaxsph.core.slabs import Slabs
 from jaxsph.errors import SimulationError
 from jaxsph.model.interfaces import Model
 from jaxsph.model.state import Failure, State, Status
-from jaxsph.parts.border import flume_of, flumes, with_flume
+from jaxsph.parts.border import flumes, with_flume, zones
 from jaxsph.problem.trouble import Remedies, Trouble
 
 REPLAYS = 6
@@ -63,7 +63,7 @@ def advance_chunk(
     a failure that other settings do not remedy.
     """
     model, new, found = replay_chunk(model, advance, say)
-    for zone, its in ((model, new), *([flume_of(model, new)] if flumes(model) else [])):
+    for zone, its in zones(model, new):
         if int(its.status.bits):
             raise failure_error(zone, its, name, remedies)
     return model, new, found
@@ -80,11 +80,11 @@ def replay_chunk(
         if changed is not None:
             model = with_settings(model, changed)
         else:
-            zones = [flume_of(model, new)] if flumes(model) else []
-            changed = next((better_settings(flume, its.status) for flume, its in zones), None)
+            flume, its = zones(model, new)[-1]
+            changed = better_settings(flume, its.status)
             if changed is None:
                 break
-            model = with_flume(model, with_settings(zones[0][0], changed))
+            model = with_flume(model, with_settings(flume, changed))
         say(f"{REPLAYED}: {', '.join(f'{k} = {v}' for k, v in changed.items())}")
     return model, new, found
 

@@ -19,7 +19,7 @@ from jaxsph.model.solution import Solution
 from jaxsph.model.state import State
 from jaxsph.output.hdf5 import Variable
 from jaxsph.output.run_file import RunFile
-from jaxsph.parts.border import flume_of, flumes
+from jaxsph.parts.border import zones
 from jaxsph.problem.problem import Problem
 from jaxsph.problem.source import Source
 from jaxsph.run.chunks import sample_times, search_settings
@@ -88,14 +88,15 @@ class Recorder:
             "time": int(state.step) / self.sample_every * self.problem.sample_dt,
             "step": int(state.step),
         }
-        zones = [_fields(model, state)]
-        if flumes(model):
-            zones.append(_fields(*flume_of(model, state), first=len(zones[0]["id"])))
-        joined = {name: np.concatenate([zone[name] for zone in zones]) for name in zones[0]}
+        fields, first = [], 0
+        for zone, its in zones(model, state):
+            fields.append(_fields(zone, its, first))
+            first += len(its.particles.id)
+        joined = {name: np.concatenate([one[name] for one in fields]) for name in fields[0]}
         return snapshot | joined | places_of(model, state)
 
 
-def _fields(model: Model, state: State, first: int = 0) -> dict[str, np.ndarray]:
+def _fields(model: Model, state: State, first: int) -> dict[str, np.ndarray]:
     """Fields of the particles in the order of their ids, which begin with `first`."""
     p = state.particles
     order = np.argsort(np.asarray(p.id))

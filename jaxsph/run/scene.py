@@ -15,7 +15,7 @@ from jaxsph.model.interfaces import Model
 from jaxsph.model.mechanism import Mechanism
 from jaxsph.model.solids import AbstractMovingSolid
 from jaxsph.model.state import State
-from jaxsph.parts.border import flume_of, flumes
+from jaxsph.parts.border import zones
 from jaxsph.problem.problem import Problem
 from jaxsph.solids.box import SIDES
 from jaxsph.solids.shapes import box_corners
@@ -34,7 +34,7 @@ def scene_of(problem: Problem) -> dict[str, Any]:
     """
     model = problem.model
     walls = model.walls
-    near = flume_of(model, problem.state)[0].walls if flumes(model) else walls
+    near = zones(model, problem.state)[-1][0].walls
     low, high = ((float(ends[0]), float(ends[-1])) for ends in (near.low, walls.high))
     far = FAR * max(high[0] - low[0], high[1] - low[1])
     beside, below = SIDES[walls.sides[0]], SIDES[walls.sides[-1]]
@@ -87,7 +87,7 @@ def places_of(model: Model, state: State) -> dict[str, np.ndarray]:
 
 def _movers(model: Model, state: State) -> Iterator[tuple[AbstractMovingSolid, Any]]:
     """Yields all solids that can move, those of a flume too, with their states."""
-    for zone, its in ((model, state), *([flume_of(model, state)] if flumes(model) else [])):
+    for zone, its in zones(model, state):
         for solid in zone.movers():
             yield solid, its.parts[solid.name]
 
