@@ -118,11 +118,13 @@ def _train(report: Report, dx: float, factor: int) -> None:
             results = run.results()
             share = results["border_residual"]
             report.row(
-                "train of waves: share of the power lost at the border",
-                100 * share,
+                "train of waves: share of the power lost at the border, by the ledger", 100 * share, "%"
+            )
+            energies = {name: results[f"energy_{name}"] for name in ("paddle", "projection")}
+            report.row(
+                "train of waves: energy lost in the projection behind the border, over the power through it",
+                100 * energies["projection"] / energies["paddle"],
                 "%",
-                bar="0.5 %",
-                passes=abs(share) <= 0.005,
             )
             report.row("train of waves: power through the border", results["border_power"], "W/m")
     here, coarse = found[True], found[False]
@@ -131,7 +133,15 @@ def _train(report: Report, dx: float, factor: int) -> None:
         "train of waves: reflection by the border", 100 * reflected, "%", bar="1 %", passes=reflected <= 0.01
     )
     wavelengths = (BEHIND[0] - IN_FLUME[0]) / _wavelength()
-    for name, (_, ratio) in (("border", here), ("coarse everywhere", coarse)):
+    for name, (_, ratio, kept) in (("border", here), ("coarse everywhere", coarse)):
+        lost = 1.0 - kept
+        bar = {"bar": "0.5 %", "passes": abs(lost) <= 0.005} if name == "border" else {}
+        report.row(
+            f"train of waves, {name}: share of the waves' power lost between the gauges, by their heights",
+            100 * lost,
+            "%",
+            **bar,
+        )
         decay = 100 * (1.0 - ratio) / wavelengths
         bar = {"bar": "0.5 %", "passes": abs(decay) <= 0.5} if name == "border" else {}
         report.row(f"train of waves, {name}: decay per wavelength between the gauges", decay, "%", **bar)
@@ -141,8 +151,9 @@ def _wavelength() -> float:
     return 2.0 * np.pi / float(theory.wavenumber(2.0 * np.pi / PERIOD, DEPTH, 9.81))
 
 
-def _two_ways(series: dict[str, np.ndarray]) -> tuple[complex, float]:
-    """Complex reflection coefficient in the flume, and ratio of the incident heights behind and in it."""
+def _two_ways(series: dict[str, np.ndarray]) -> tuple[complex, float, float]:
+    """Complex reflection coefficient in the flume, and ratios of the incident heights and of the waves' net
+    powers behind and in it."""
     t = series["time"]
     last = t > t[-1] - 5.0 * PERIOD
     k, waves = 2.0 * np.pi / _wavelength(), []
@@ -150,7 +161,8 @@ def _two_ways(series: dict[str, np.ndarray]) -> tuple[complex, float]:
         B = fundamental(t[last], series["eta"].T[columns][:, last], PERIOD)
         (along,), (against,), _ = separated(np.array([k]), np.array(at), B[None])
         waves.append((along, against))
-    return complex(waves[0][1] / waves[0][0]), float(abs(waves[1][0]) / abs(waves[0][0]))
+    heights, net = abs(waves[1][0]) / abs(waves[0][0]), [abs(a) ** 2 - abs(b) ** 2 for a, b in waves]
+    return complex(waves[0][1] / waves[0][0]), float(heights), float(net[1] / net[0])
 
 
 def _device(report: Report, dx: float, factor: int, members: int) -> None:

@@ -15,6 +15,7 @@ for the pressure; an error of the exchange decays over the overlap like exp(-pi 
 
 from __future__ import annotations
 
+import abc
 import dataclasses
 from typing import Any, ClassVar
 
@@ -51,6 +52,17 @@ WET = 0.6
 """Least part of the full sum of weights at which a height counts as under water (-)."""
 
 
+class Water(eqx.Module):
+    """Water of the other zone at an edge."""
+
+    u: Float[Array, " K"]
+    """Horizontal velocities at the edge's heights, m/s."""
+    w: Float[Array, " K"]
+    """Vertical velocities, m/s."""
+    eta: Scalar
+    """Elevation at the edge's gauge, m."""
+
+
 class EdgeMotion(eqx.Module):
     """Motion of a zone's flexible edge, and the water of the other zone that the edge follows."""
 
@@ -60,10 +72,8 @@ class EdgeMotion(eqx.Module):
     """Velocities, m/s."""
     slow: Float[Array, " K"]
     """Slowly varying mean of the displacements, m."""
-    u: Float[Array, " K"]
-    """Horizontal velocities of the other zone's water at the edge, m/s."""
-    eta: Scalar
-    """Elevation of the other zone's water beside the edge, m."""
+    water: Water
+    """Water of the other zone, which the edge follows."""
 
 
 class Edge(eqx.Module):
@@ -96,43 +106,39 @@ class Edge(eqx.Module):
     def start(self) -> EdgeMotion:
         """Motion of the edge at rest."""
         zero = jnp.zeros_like(self.heights)
-        return EdgeMotion(zero, zero, zero, zero, jnp.zeros_like(self.face))
+        return EdgeMotion(zero, zero, zero, Water(zero, zero, jnp.zeros_like(self.face)))
 
     def depth(self, water: Particles, V: Float[Array, " N"]) -> Scalar:
         """Depth of water at the edge's gauge, m, from particles with the volumes V (m2)."""
         return column_depth(columns(water.x), V, self.gauge, self.bell)
 
-    def seen(
-        self, motion: EdgeMotion, other: Particles, V: Float[Array, " N"]
-    ) -> tuple[Float[Array, " K"], Scalar]:
-        """Horizontal velocities (m/s) of the other zone's water at the edge, and its elevation (m) there.
-
-        `V`: volumes of the other zone's particles, m2.
-        """
+    def seen(self, motion: EdgeMotion, other: Particles, V: Float[Array, " N"]) -> Water:
+        """The other zone's water at the edge; `V`: volumes of its particles, m2."""
         at = columns(jnp.stack([self.face + motion.X, self.heights], axis=1))
         reach, n = REACH * self.width, len(other.x)
         near = (other.x[:, 0] > jnp.min(at[0]) - reach) & (other.x[:, 0] < jnp.max(at[0]) + reach)
         rows = jnp.minimum(true_indices(near, self.most), n - 1)
         there = jnp.arange(self.most) < jnp.sum(near)
-        chosen = jax.tree.map(lambda a: a[rows], (columns(other.x), other.u[:, 0], jnp.where(near, V, 0.0)))
+        chosen = jax.tree.map(lambda a: a[rows], (columns(other.x), other.u, jnp.where(near, V, 0.0)))
         x, u, V_near = chosen
         found = _velocity(x, u, jnp.where(there, V_near, 0.0), at, self.width)
         # too many particles would be counted in part: the run must stop
         found = jnp.where(jnp.sum(near) > self.most, jnp.nan, found)
-        return found, self.depth(other, V) - self.other_still
-
-    def following(self, motion: EdgeMotion, u: Float[Array, " K"], eta: Scalar) -> EdgeMotion:
-        """The motion with other velocities u (m/s) and another elevation eta (m) to follow."""
-        return dataclasses.replace(motion, u=u, eta=eta)
+        return Water(found[:, 0], found[:, 1], self.depth(other, V) - self.other_still)
 
     def moved(self, motion: EdgeMotion, water: Particles, V: Float[Array, " N"], dt: Scalar) -> EdgeMotion:
-        """Motion at the end of a step of dt (s); `water`, `V`: the edge's own zone, volumes in m2."""
-        higher = self.depth(water, V) - self.own_still - motion.eta
+        """Motion at the end of a step of dt (s); `water`, `V`: the edge's own zone, volumes in m2.
+
+        The edge is a line of the same water, X_t = U - w X_z: waves lift an edge that leans.
+        """
+        other = motion.water
+        higher = self.depth(water, V) - self.own_still - other.eta
         # the mean over waves, because straightening within a wave would do work on it
         slow = motion.slow + dt * self.drift * (motion.X - motion.slow)
         straightening = 0.25 * self.drift * (slow - jnp.mean(slow))
-        U = motion.u - self.side * self.gain * higher - straightening
-        return EdgeMotion(motion.X + 0.5 * dt * (motion.U + U), U, slow, motion.u, motion.eta)
+        U = other.u - self.side * self.gain * higher - straightening
+        lifted = jnp.interp(self.heights - dt * other.w, self.heights, motion.X)
+        return EdgeMotion(lifted + 0.5 * dt * (motion.U + U), U, slow, other)
 
     def displacement(self, motion: EdgeMotion) -> Scalar:
         """Mean displacement, weighted with still water's pressure, m: its work is rho g d^2/2 times this."""
@@ -145,11 +151,11 @@ class Edge(eqx.Module):
 
 
 def _velocity(
-    x: Components, u: Float[Array, " N"], V: Float[Array, " N"], at: Components, width: Scalar
-) -> Float[Array, " K"]:
-    """Horizontal velocity (m/s) of water at the points `at` (m), exact for a linear velocity.
+    x: Components, u: Float[Array, "N D"], V: Float[Array, " N"], at: Components, width: Scalar
+) -> Float[Array, "K D"]:
+    """Velocities (m/s) of water at the points `at` (m), exact if they are linear in x.
 
-    **Arguments**: positions x (m), horizontal velocities u (m/s) and volumes V (m2) of the particles.
+    **Arguments**: positions x (m), velocities u (m/s) and volumes V (m2) of the particles.
 
     A plane is fitted with a Gaussian weight of the given `width` (m), which has no error in the interior of
     irrotational flow, where velocities are harmonic. Points above the surface have the velocity of the
@@ -160,21 +166,65 @@ def _velocity(
     weight = jnp.where(r2 < REACH**2, jnp.exp(-r2), 0.0) * V
     terms = jnp.stack([jnp.ones_like(r2), *away])
     weighted = terms * weight
-    moments, right = jnp.einsum("akn,bkn->kab", weighted, terms), weighted @ u
+    moments = jnp.einsum("akn,bkn->kab", weighted, terms)
+    right = jnp.moveaxis(weighted @ u, 0, 1)
     full = moments[:, 0, 0]
     firm = 1e-6 * full[:, None, None] + 1e-6 * width**2
-    fit = jnp.linalg.solve(moments + firm * jnp.eye(len(terms)), right.T[..., None])[:, 0, 0]
+    fit = jnp.linalg.solve(moments + firm * jnp.eye(len(terms)), right)[:, 0]
     wet = full > WET * jnp.pi * width**2
     top = jnp.max(jnp.where(wet, jnp.arange(len(full)), 0))
     return fit[jnp.minimum(jnp.arange(len(full)), top)]
 
 
-class FlumeEnd(AbstractPaddle):
+class AbstractEdgeWall(AbstractPaddle):
+    """Flexible wall at the edge of a zone, which moves with the water of the other zone."""
+
+    edge: eqx.AbstractVar[Edge]
+    """Edge of the zone."""
+
+    @abc.abstractmethod
+    def line(self, motion: Any) -> EdgeMotion:
+        """Motion of the edge in a state of the wall."""
+
+    @abc.abstractmethod
+    def with_line(self, motion: Any, line: EdgeMotion) -> Any:
+        """State of the wall with another motion of the edge."""
+
+    def outline(self, far):
+        """See `AbstractSolid`: nothing, since water is on both sides."""
+        del far
+        return np.zeros((0, 2))
+
+    def halfway(self, old, new, dt):
+        """See `AbstractWall`."""
+        del dt
+        old, X = self.line(old), 0.5 * (self.line(old).X + self.line(new).X)
+        return self.with_line(new, dataclasses.replace(old, X=X))
+
+    def with_velocity(self, motion, after):
+        """See `AbstractWall`."""
+        old, new = self.line(motion), self.line(after)
+        return self.with_line(after, dataclasses.replace(old, U=new.U, water=new.water))
+
+    def shift(self, motion, x):
+        """See `AbstractPaddle`."""
+        return self.edge.beside(self.line(motion).X, x)
+
+    def speed(self, motion, x):
+        """See `AbstractPaddle`."""
+        return self.edge.beside(self.line(motion).U, x)
+
+    def velocity(self, motion, x):
+        """See `AbstractMovingSolid`: also along the edge, which leans, so that the pressure does work."""
+        line = self.line(motion)
+        return jnp.stack([self.edge.beside(a, x) for a in (line.U, line.water.w)], axis=1)
+
+
+class FlumeEnd(AbstractEdgeWall):
     """Flexible far end of the flume, which moves with the fine zone's water."""
 
     side: ClassVar[float] = -1.0
     edge: Edge
-    """Edge of the flume."""
     rows: tuple[int, int] = eqx.field(static=True)
     face: float = eqx.field(static=True, kw_only=True)
     name: str = eqx.field(static=True, default=FAR_END, kw_only=True)
@@ -184,10 +234,14 @@ class FlumeEnd(AbstractPaddle):
         del dtype
         return self.edge.start()
 
-    def outline(self, far):
-        """See `AbstractSolid`: nothing, since water is on both sides."""
-        del far
-        return np.zeros((0, 2))
+    def line(self, motion):
+        """See `AbstractEdgeWall`."""
+        return motion
+
+    def with_line(self, motion, line):
+        """See `AbstractEdgeWall`."""
+        del motion
+        return line
 
     def entries(self):
         """See `AbstractPart`."""
@@ -207,23 +261,6 @@ class FlumeEnd(AbstractPaddle):
         del t
         return self.edge.moved(motion, water, depth_volume, dt)
 
-    def halfway(self, old, new, dt):
-        """See `AbstractWall`."""
-        del dt
-        return dataclasses.replace(old, X=0.5 * (old.X + new.X))
-
-    def with_velocity(self, motion, after):
-        """See `AbstractWall`."""
-        return dataclasses.replace(motion, U=after.U)
-
-    def shift(self, motion, x):
-        """See `AbstractPaddle`."""
-        return self.edge.beside(motion.X, x)
-
-    def speed(self, motion, x):
-        """See `AbstractPaddle`."""
-        return self.edge.beside(motion.U, x)
-
 
 class BorderState(eqx.Module):
     """State of the border: the edge of the fine zone, and the flume in front of it."""
@@ -232,22 +269,20 @@ class BorderState(eqx.Module):
     """Motion of the fine zone's edge."""
     flume: State
     """State of the flume at the end of its present step."""
-    before: tuple[Float[Array, " K"], Scalar]
-    """Velocities (m/s) and elevation (m) of the flume's water at the edge, at the start of this step."""
-    after: tuple[Float[Array, " K"], Scalar]
+    before: Water
+    """Water of the flume at the edge, at the start of this step."""
+    after: Water
     """The same at the end of this step."""
-    behind: tuple[Float[Array, " K"], Scalar]
-    """Velocities (m/s) and elevation (m) of the fine zone's water at the flume's end, at the start of this
-    step."""
+    behind: Water
+    """Water of the fine zone at the flume's end, at the start of this step."""
     count: Int[Array, ""]
     """Number of the fine zone's steps since the start of the flume's step."""
 
 
-class Border(AbstractPaddle):
+class Border(AbstractEdgeWall):
     """Near end of the fine zone: a flexible wall that moves with the water of a flume, which it advances."""
 
     edge: Edge
-    """Edge of the fine zone."""
     flume: Model
     """Model of the flume, with a `FlumeEnd` and, in waves, a wavemaker."""
     first: State
@@ -262,13 +297,16 @@ class Border(AbstractPaddle):
         """See `AbstractMovingSolid`."""
         del dtype
         still = self.edge.start()
-        water = (still.u, still.eta)
+        water = still.water
         return BorderState(still, self.first, water, water, water, jnp.asarray(self.ratio, jnp.int32))
 
-    def outline(self, far):
-        """See `AbstractSolid`: nothing, since water is on both sides."""
-        del far
-        return np.zeros((0, 2))
+    def line(self, motion):
+        """See `AbstractEdgeWall`."""
+        return motion.edge
+
+    def with_line(self, motion, line):
+        """See `AbstractEdgeWall`."""
+        return dataclasses.replace(motion, edge=line)
 
     def entries(self):
         """See `AbstractPart`."""
@@ -311,11 +349,11 @@ class Border(AbstractPaddle):
             return self._advanced(m, water, depth_volume)
 
         motion = jax.lax.cond(due, advanced, lambda m: m, motion)
-        (u0, eta0), (u1, eta1) = motion.before, motion.after
         share = motion.count.astype(dt.dtype) / self.ratio
         # velocities at the end of this step, and the elevation at its start, when the edge's own is known
-        u, eta = u0 + (share + 1.0 / self.ratio) * (u1 - u0), eta0 + share * (eta1 - eta0)
-        edge = self.edge.moved(self.edge.following(motion.edge, u, eta), water, depth_volume, dt)
+        other = _between(motion.before, motion.after, share + 1.0 / self.ratio, share)
+        edge = dataclasses.replace(motion.edge, water=other)
+        edge = self.edge.moved(edge, water, depth_volume, dt)
         return BorderState(edge, motion.flume, motion.before, motion.after, motion.behind, motion.count + 1)
 
     @Part.WALLS.scope()
@@ -329,31 +367,20 @@ class Border(AbstractPaddle):
         # The end moves with the water's velocity at the end of the step. A velocity that lags by a step would
         # do work on standing waves, whose pressure and velocity are a quarter of a period apart.
         behind = end.edge.seen(own, water, V)
-        ahead = 2.0 * behind[0] - motion.behind[0]
-        flume = eqx.tree_at(lambda s: s.parts[end.name], flume, end.edge.following(own, ahead, behind[1]))
+        ahead = _between(motion.behind, behind, 2.0, 1.0)
+        flume = eqx.tree_at(lambda s: s.parts[end.name].water, flume, ahead)
 
-        def seen(flume: State) -> tuple[Float[Array, " K"], Scalar]:
+        def seen(flume: State) -> Water:
             return self.edge.seen(motion.edge, flume.particles, scheme.volume(flume.particles))
 
         before, flume = seen(flume), model.step(flume, tables)
         return BorderState(motion.edge, flume, before, seen(flume), behind, jnp.zeros_like(motion.count))
 
-    def halfway(self, old, new, dt):
-        """See `AbstractWall`."""
-        del dt
-        return dataclasses.replace(new, edge=dataclasses.replace(old.edge, X=0.5 * (old.edge.X + new.edge.X)))
 
-    def with_velocity(self, motion, after):
-        """See `AbstractWall`."""
-        return dataclasses.replace(after, edge=dataclasses.replace(motion.edge, U=after.edge.U))
-
-    def shift(self, motion, x):
-        """See `AbstractPaddle`."""
-        return self.edge.beside(motion.edge.X, x)
-
-    def speed(self, motion, x):
-        """See `AbstractPaddle`."""
-        return self.edge.beside(motion.edge.U, x)
+def _between(old: Water, new: Water, share: Any, share_of_eta: Any) -> Water:
+    """Water at these shares (-) of the time from `old` to `new`, which also extrapolate."""
+    shares = Water(share, share, share_of_eta)
+    return jax.tree.map(lambda a, b, s: a + s * (b - a), old, new, shares)
 
 
 def flumes(model: Model) -> tuple[Border, ...]:
