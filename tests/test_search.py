@@ -135,7 +135,8 @@ def test_a_search_over_seas_maximises_the_mean_power(tmp_path, monkeypatch):
         (CASE, BOTH, {"of": "energy_pto"}, r"of = 'energy_pto': a fast model predicts xi and P_owc only"),
         (CASE, BOTH, {"evaluations": 0}, r"evaluations = 0: must be 1 or more"),
         (CASE, {"device.draught": (0.1, 0.41)}, {}, r"draught"),
-        (js.load_case("flap_2d"), {"pto.K_dm": (1.0, 2.0)}, {}, r"a fast model needs a device with a turb"),
+        (js.load_case("wave_tank"), {"pto.K_dm": (1.0, 2.0)}, {}, r"a fast model needs a device with a turb"),
+        (js.load_case("flap_2d"), {"pto.K_dm": (1.0, 2.0)}, {}, r"can search in body\.pto\.damping only"),
     ],
 )
 def test_a_search_that_a_model_does_not_cover_is_refused(tmp_path, case, over, options, words):

@@ -29,7 +29,14 @@ from jaxsph.problem.results import amplitude
 from jaxsph.waves.linear_bodies import Compliance, Damping, LinearBodies, SmallMotion, linear_motion
 from jaxsph.waves.panels import Chamber, Hull, Section, hydrodynamics
 
-__all__ = ["LinearMotions", "has_free_bodies", "linear_motions", "why_no_motions"]
+__all__ = [
+    "LinearMotions",
+    "SmallMotions",
+    "has_free_bodies",
+    "linear_motions",
+    "small_motions",
+    "why_no_motions",
+]
 
 STEEP = np.deg2rad(60.0)
 """Smallest inclination of a solid's face at the still water surface, rad; waves break on flatter faces."""
@@ -105,6 +112,18 @@ class LinearMotions:
         return self.P_pto / self.response.P_inc
 
 
+@dataclass(frozen=True, eq=False)
+class SmallMotions:
+    """Bodies and links of a case about their equilibrium in still water, and the section of the water."""
+
+    section: Section
+    bodies: SmallMotion
+    links: dict[str, bool]
+    """Links of `bodies.dampings` by name, and whether each harvests energy."""
+    swings: dict[str, Real]
+    """Oscillations of the bodies `[n]` per unit change of each free coordinate, by their names in a model."""
+
+
 def has_free_bodies(case: Sections) -> bool:
     """Whether a case has waves, and a body with at least one free motion."""
     return case.waves is not None and any(one.free for one in case.every_body.values())
@@ -118,6 +137,13 @@ def linear_motions(case: Sections) -> LinearMotions:
     with the reason, for a case that linear theory does not cover.
     """
     return _found(type(case), case.model_dump_json(exclude_none=True))
+
+
+def small_motions(case: Sections) -> SmallMotions:
+    """Bodies and links of a case about their equilibrium. **Raises** CaseError as `linear_motions`."""
+    linear_motions(case)
+    with jax.enable_x64(True):
+        return _Response(case, Resting(case, Geometry.of(case))).small()
 
 
 def why_no_motions(case: Sections) -> str:
@@ -206,8 +232,14 @@ class _Response:
 
     def found(self) -> LinearMotions:
         """Response to the case's waves. **Raises** ValueError if linear theory does not cover the case."""
-        case, free, waves = self.case, self.resting.free, given_waves(self.case)
-        ways = np.asarray(self.resting.posture.ways)[:, :, free]
+        case, small, waves = self.case, self.small(), given_waves(self.case)
+        water = hydrodynamics(small.section, 2.0 * np.pi / waves.period, case.fluid.rho0, case.g)
+        found = linear_motion(water, small.bodies, waves.height)
+        return self._named(found, self._ways() @ found.coordinates, list(small.links))
+
+    def small(self) -> SmallMotions:
+        """Bodies and links about their equilibrium."""
+        free, ways = self.resting.free, self._ways()
         hulls, carriers = self._hulls()
         dampings, damping = self._dampings()
         bodies = SmallMotion(
@@ -216,11 +248,22 @@ class _Response:
             damping=damping,
             jacobian=np.concatenate([ways[index] for index in carriers]),
             dampings=tuple(dampings.values()),
-            chambers=tuple(_turbine(one) for one in case.chambers.values()),
+            chambers=tuple(_turbine(one) for one in self.case.chambers.values()),
         )
-        water = hydrodynamics(self._section(hulls), 2.0 * np.pi / waves.period, case.fluid.rho0, case.g)
-        found = linear_motion(water, bodies, waves.height)
-        return self._named(found, ways @ found.coordinates, list(dampings))
+        harvest = {link.name: link.harvests for link in self.resting.mechanism.links}
+        swings = self._swings(ways, self._by_joint(np.eye(int(free.sum()))))
+        links = {name: harvest[name] for name in dampings}
+        return SmallMotions(self._section(hulls), bodies, links, swings)
+
+    def _ways(self) -> Real:
+        """Motions of all bodies `[B, 3, n]` per unit change of each free coordinate."""
+        return np.asarray(self.resting.posture.ways)[:, :, self.resting.free]
+
+    def _by_joint(self, free: NDArray[Any]) -> list[NDArray[Any]]:
+        """Coordinates of every body's joint, from the free coordinates `[n, ...]`."""
+        every = np.zeros((len(self.resting.free), *free.shape[1:]), free.dtype)
+        every[self.resting.free] = free
+        return np.split(every, np.cumsum([body.joint.size for body in self.resting.mechanism.bodies])[:-1])
 
     def _hulls(self) -> tuple[list[Hull], list[int]]:
         """Hulls of all bodies in their poses, and the index of each hull's body."""
@@ -293,10 +336,7 @@ class _Response:
         powers = {name: float(power) for name, power in taken if every[name].harvests}
         chambers = zip(self.case.chambers, found.chamber_power, strict=True)
         powers |= {_called("pto", n): float(power) for n, power in chambers if self.case.chambers[n].pto}
-        coordinates = np.zeros(len(self.resting.free), complex)
-        coordinates[self.resting.free] = found.coordinates
-        sizes = [body.joint.size for body in self.resting.mechanism.bodies]
-        split = np.split(coordinates, np.cumsum(sizes)[:-1])
+        split = self._by_joint(found.coordinates)
         bodies = [(i, body) for i, body in enumerate(self.resting.mechanism.bodies) if not body.fixed]
         return LinearMotions(
             found,
@@ -309,7 +349,7 @@ class _Response:
             swings=self._swings(moved, split) | self._of_links(extensions, forces) | self._air(found),
         )
 
-    def _swings(self, moved: NDArray, split: list[NDArray]) -> dict[str, complex]:
+    def _swings(self, moved: NDArray, split: list[NDArray]) -> dict[str, Any]:
         """Motions of the bodies, by the names of their oscillations."""
         swings = {}
         for body, motions, joint in zip(self.resting.mechanism.bodies, moved, split, strict=True):

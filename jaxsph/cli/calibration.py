@@ -24,15 +24,6 @@ from jaxsph.cli.studies import announce
 from jaxsph.cli.terminal import INTERRUPTED, messages, print_notes, print_table
 from jaxsph.errors import CaseError, FileError
 
-NAMES = {
-    "xi": ("hydrodynamic efficiency", ""),
-    "P_owc": ("absorbed power", "W per metre of width"),
-    "P_a": ("amplitude of the air's pressure", "Pa"),
-    "flow": ("amplitude of the flow of air", "m2/s"),
-}
-"""Results of a fast model that the commands print, with their units."""
-POWER = "P_owc"
-"""Result whose relative error is that of the efficiency."""
 MOST = 40
 """Largest number of predictions that are printed; more are only written to a file."""
 
@@ -46,7 +37,8 @@ def calibrate(
         typer.Option(
             "--runs",
             metavar="KEY=VALUES",
-            help="Values of waves.H, waves.T or pto.K_dm, one per run; all lists must be equally long. "
+            help="Values of waves.H, waves.T or a damping (pto.K_dm), one per run; all lists must be equally "
+            "long. "
             "Default: five runs around the case. Repeatable.",
         ),
     ] = None,
@@ -58,7 +50,7 @@ def calibrate(
     workers: Workers = None,
     quiet: Quiet = False,
 ) -> None:
-    """Fit a fast model of an oscillating water column to a few runs; repeated, continue."""
+    """Fit a fast model of an oscillating water column or of bodies to a few runs; repeated, continue."""
     import jaxsph as js
     from jaxsph.study.fast_model import check, members_around, runs_of
 
@@ -79,24 +71,21 @@ def calibrate(
 
 def _summary(model: Any) -> list[tuple[str, str]]:
     """Labels and values: what was found, and how well the model predicts each run that was left out."""
-    added, error = model.added, model.added_error
-    rows = [
-        ("loss coefficient of the lip", f"{added.lip:.3g} +- {error.lip:.2g} velocity heads of the column"),
-        ("additional length of the column", f"{added.length:.3g} +- {error.length:.2g} draughts"),
-        ("predictions of runs that were left out", ""),
-    ]
+    rows = model.theory.found(model.added, model.added_error)
+    rows.append(("predictions of runs that were left out", ""))
     for one in model.runs:
         text = ", ".join(
-            f"{_quantity(name, one.left_out[name])} (run {one.results[name]:.3g})" for name in one.results
+            f"{_quantity(model, name, one.left_out[name])} (run {one.results[name]:.3g})"
+            for name in one.results
         )
         rows.append(("  " + ", ".join(f"{key} = {value:g}" for key, value in one.changes.items()), text))
     errors = ", ".join(f"{name} {value:.1%}" for name, value in model.error.items())
     return [*rows, ("error of such a prediction", errors)]
 
 
-def _quantity(name: str, value: float) -> str:
+def _quantity(model: Any, name: str, value: float) -> str:
     """Name and value of a result, with its unit."""
-    return f"{name} {value:.3g} {NAMES[name][1]}".rstrip()
+    return f"{name} {value:.3g} {model.theory.predictable[name].unit}".rstrip()
 
 
 def predict(
@@ -120,7 +109,7 @@ def predict(
         Path | None, typer.Option("--out", "-o", metavar="FILE", help="CSV file for all predictions.")
     ] = None,
 ) -> None:
-    """Predict efficiency, power, pressure and flow with a fast model, for every combination of values.
+    """Predict powers, motions, pressure and flow with a fast model, for every combination of values.
 
     waves.H and waves.T are the height and period of regular waves; waves.Hs and waves.Tp, given together,
     those of a sea.
@@ -145,12 +134,13 @@ def predict(
         scatter = None if table is None else ScatterTable.read(table)
         every = jax.jit(jax.vmap(lambda here: _answers(fast, scatter, here), axis_size=len(members)))
         found = every(changes)
-        values = {name: np.asarray(found[name]) for name in NAMES if name in found}  # in this order
+        # in the order of the model, which JAX sorts
+        values = {name: np.asarray(found[name]) for name in fast.theory.predictable if name in found}
         if out is not None:
-            _write(out, over, members, values)
+            _write(out, fast, over, members, values)
         if len(members) <= MOST:
             print_table(_predictions(fast, over, members, values))
-        print_notes(_doubts(members, values))
+        print_notes(_doubts(members, values[fast.theory.power]))
         if out is not None:
             typer.echo(f"recorded in {out}")
 
@@ -158,27 +148,26 @@ def predict(
 def _answers(fast: Any, scatter: Any, changes: dict[str, Any]) -> dict[str, Any]:
     """Predictions by name; with a scatter table only the mean power over its seas."""
     if scatter is not None:
-        return {POWER: fast.annual(scatter, changes)}
-    response = fast.response(changes)
-    return {name: getattr(response, name) for name in NAMES}
+        return {fast.theory.power: fast.annual(scatter, changes)}
+    return fast.results(changes)
 
 
 def _predictions(fast: Any, over: Any, members: list[Any], values: Any) -> list[tuple[str, str]]:
     """Labels and values of predictions, with their errors."""
-    rows, errors = [], fast.error
+    rows, errors, known = [], fast.error, fast.theory.predictable
     for k, member in enumerate(members):
         label = ", ".join(f"{key} = {value:g}" for key, value in zip(over, member, strict=True))
         texts = []
         for name, of in values.items():
-            error = errors["xi" if name == POWER else name] * of[k]
-            texts.append(f"{name} = {of[k]:.4g} +- {error:.2g} {NAMES[name][1]}".rstrip())
+            error = errors[known[name].like] * of[k]
+            texts.append(f"{name} = {of[k]:.4g} +- {error:.2g} {known[name].unit}".rstrip())
         rows.append((label or "the case", "; ".join(texts)))
     return rows
 
 
-def _doubts(members: list[Any], values: Any) -> list[str]:
+def _doubts(members: list[Any], power: Any) -> list[str]:
     """Note on predictions that the model does not make."""
-    missing = sum(not value == value for value in values[POWER])
+    missing = sum(not value == value for value in power)
     if not missing:
         return []
     return [
@@ -187,12 +176,12 @@ def _doubts(members: list[Any], values: Any) -> list[str]:
     ]
 
 
-def _write(out: Path, over: Any, members: list[Any], values: Any) -> None:
+def _write(out: Path, fast: Any, over: Any, members: list[Any], values: Any) -> None:
     """Writes predictions to a CSV file. **Raises** FileError if it cannot be written."""
     try:
         with out.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
-            units = {name: NAMES[name][1] for name in values}
+            units = {name: fast.theory.predictable[name].unit for name in values}
             writer.writerow([*over, *(f"{name} ({unit})" if unit else name for name, unit in units.items())])
             for k, member in enumerate(members):
                 writer.writerow([*member, *(f"{of[k]:.6g}" for of in values.values())])

@@ -1,8 +1,8 @@
-"""`calibrate` and `FastModel`: a model of a case's oscillating water column that answers in a millisecond.
+"""`calibrate` and `FastModel`: a model of a case's device in waves that answers in a millisecond.
 
-The model is linear theory with what the theory lacks, a loss at the lip and inertia of the column
-(`waves.fast_owc`). Both are found from a few runs of the water. The model's error is that of its predictions
-for runs that were left out of the fit.
+The model is linear theory with what the theory lacks: a loss at the lip and inertia of an oscillating water
+column (`waves.fast_owc`), or drag and inertia of bodies (`waves.fast_bodies`). These are found from a few
+runs of the water. The model's error is that of its predictions for runs that were left out of the fit.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
+import jax.flatten_util
 import jax.numpy as jnp
 import numpy as np
 import scipy  # which imports its subpackages on first use
@@ -24,45 +25,24 @@ from jaxtyping import ArrayLike
 from numpy.typing import NDArray
 
 from jaxsph.case.case import Case
-from jaxsph.case.linear import chamber_geometry, linear_air, why_no_theory
 from jaxsph.case.settling import averages_from, settled_periods
+from jaxsph.core.chebyshev import Series
 from jaxsph.errors import CaseError, FileError
-from jaxsph.problem.results import amplitude
+from jaxsph.study.fast_bodies import BodyTheory
+from jaxsph.study.fast_column import ColumnTheory
+from jaxsph.study.fast_theory import AbstractFastTheory
 from jaxsph.study.matrix import ScatterTable
 from jaxsph.study.sweep import Sweep, sweep
-from jaxsph.waves.fast_owc import (
-    SHARE,
-    Additions,
-    Air,
-    Incident,
-    Response,
-    WaterSeries,
-    fast_response,
-)
+from jaxsph.waves.fast_owc import Incident
 from jaxsph.waves.spectra import JONSWAP
 
-KEYS = {
-    "waves.H": "H",
-    "waves.T": "T",
-    "waves.Hs": "Hs",
-    "waves.Tp": "Tp",
-    "pto.K_dm": "K_dm",
-    "device.draught": "draught",
-    "device.chamber_length": "length",
-    "device.wall_thickness": "thickness",
-}
-"""Parameters of a case that a model can change, with their names in `waves.fast_owc`."""
-REGULAR, SEA = ("waves.H", "waves.T"), ("waves.Hs", "waves.Tp")
-"""Parameters of regular waves and of a sea."""
-VARIED = {
-    "waves.H": (1.0, 1.0, 1.5, 0.75, 1.25),
-    "waves.T": (1.0, 5 / 6, 7 / 6, 4 / 3, 11 / 12),
-    "pto.K_dm": (1.0, 0.5, 0.5, 2.0, 0.75),
-}
-"""Factors of the case's height, period and damping in the runs of a calibration (-). Short waves and small
-dampings, at which the loss and the inertia change the response most, occur more than once."""
-READ = {"xi": "xi_measured", "P_a": amplitude("P_a"), "flow": amplitude("flow")}
-"""Results of a run that a model predicts, by the names in `Response`."""
+REGULAR, SEA = {"waves.H": "H", "waves.T": "T"}, {"waves.Hs": "Hs", "waves.Tp": "Tp"}
+"""Parameters of regular waves and of a sea, with their names in `Incident`."""
+VARIED = {"waves.H": (1.0, 1.0, 1.5, 0.75, 1.25), "waves.T": (1.0, 5 / 6, 7 / 6, 4 / 3, 11 / 12)}
+"""Factors of the case's height and period in the runs of a calibration (-)."""
+DAMPED = (1.0, 0.5, 0.5, 2.0, 0.75)
+"""Factors of the dampings in the same runs (-). Short waves and small dampings, at which losses and inertia
+change the response most, occur more than once."""
 LEAST = 4
 """Least number of runs, so that each can be left out of a fit of two values."""
 PERIODS = (0.25, 0.6, 2.2)
@@ -78,62 +58,75 @@ class Predicted(NamedTuple):
     H: float
     """Measured height of the incident waves, m."""
     results: dict[str, float]
-    """Results of the run, by the names in `READ`."""
+    """Results of the run, by the names in `AbstractFastTheory.read`."""
     left_out: dict[str, float]
     """The same results by a model that was fitted to the other runs."""
 
 
 @dataclass(frozen=True)
 class FastModel:
-    """Model of a case's oscillating water column in waves, in JAX: linear theory with a loss at the lip and
-    inertia of the column, which were found from runs."""
+    """Model of a case's device in waves, in JAX: linear theory with additions that were found from runs."""
 
-    case: Case
-    water: WaterSeries
-    """Response of the water in linear theory."""
-    added: Additions
-    """Loss and inertia that were found."""
-    added_error: Additions
-    """Their standard errors."""
+    theory: AbstractFastTheory
+    """Linear theory of the case."""
+    added: Any
+    """What was found: `Additions` of a column, or `BodyAdditions`."""
+    added_error: Any
+    """The standard errors."""
     runs: tuple[Predicted, ...]
     """Runs to which the model was fitted."""
 
+    @property
+    def case(self) -> Case:
+        """Case of the model."""
+        return self.theory.case
+
     @classmethod
     def of_theory(cls, case: Case, periods: tuple[float, float] | None = None) -> FastModel:
-        """Model of a case without loss and inertia, which is linear theory.
+        """Model of a case without additions, which is linear theory.
 
         `periods`: shortest and longest wave period of interest, s; by default that of the case. The range of
         the model is wider by the factors in `PERIODS`. **Raises** CaseError for a case without linear theory
-        of an oscillating water column.
+        of an oscillating water column, or of bodies with power take-offs.
         """
         check(case, {})
         low, high = periods or 2 * (case.value("waves.T"),)
         reach = PERIODS[2] * high, PERIODS[1] * low, PERIODS[0] * low
-        omega = tuple(2.0 * math.pi / T for T in reach)
-        water = WaterSeries.of(chamber_geometry(case), omega, case.g)
-        return cls(case, water, Additions(), Additions(), ())
+        theory = kind_of(case).of(case, tuple(2.0 * math.pi / T for T in reach))
+        none = jax.tree.map(lambda _: 0.0, theory.additions[0])
+        return cls(theory, none, none, ())
 
-    def response(self, changes: Mapping[str, ArrayLike] = {}) -> Response:
-        """Efficiency, powers, flow, pressure and level in regular waves or in a sea, per metre of width.
+    def response(self, changes: Mapping[str, ArrayLike] = {}) -> Any:
+        """Response to regular waves or to a sea, per metre of width: `waves.fast_owc.Response` of a column,
+        `waves.fast_bodies.BodyResponse` of bodies.
 
-        `changes`: parameters that differ from those of the case, by the names in `KEYS`. waves.Hs and
-        waves.Tp, which are given together, choose a sea with a JONSWAP spectrum in the place of the case's
-        regular waves. The values may be traced: a response can be vectorised by `jax.vmap` and differentiated
-        by `jax.grad`. Results are NaN for periods, and for lengths of the device, outside the range of the
-        model. **Raises** CaseError for another parameter, and for a sea whose height or period is missing.
+        `changes`: parameters that differ from those of the case: waves, and those of the device in `keys`.
+        waves.Hs and waves.Tp, which are given together, choose a sea with a JONSWAP spectrum in the place of
+        the case's regular waves. The values may be traced: a response can be vectorised by `jax.vmap` and
+        differentiated by `jax.grad`. Results are NaN for periods, and for lengths of the device, outside the
+        range of the model. **Raises** CaseError for another parameter, and for a sea whose height or period
+        is missing.
         """
+        known = {**REGULAR, **SEA, **self.keys}
         for key in changes:
-            if key not in KEYS:
+            if key not in known:
                 raise CaseError(
-                    f"{key}: a fast model cannot change this parameter; use one of {', '.join(KEYS)}"
+                    f"{key}: a fast model cannot change this parameter; use one of {', '.join(known)}"
                 )
-        values = {KEYS[key]: jnp.asarray(value, float) for key, value in changes.items()}
+        values = {known[key]: jnp.asarray(value, float) for key, value in changes.items()}
         waves = self._incident(values)
-        (pto,), linear = self.case.turbines, linear_air(self.case)
-        air = Air(values.pop("K_dm", pto.quadratic or 0.0), linear.resistance, linear.give)
-        found = fast_response(self.water, self.added, air, waves, values, self.case.fluid.rho0)
-        within = self._within(waves, values)
+        found = self.theory.respond(self.added, values, waves)
+        within = self._within(waves) & self.theory.within(values)
         return jax.tree.map(lambda a: jnp.where(within, a, jnp.nan), found)
+
+    def results(self, changes: Mapping[str, ArrayLike] = {}) -> dict[str, jax.Array]:
+        """Results of a `response` by name, as `jaxsph predict` prints them."""
+        return self.theory.results(self.response(changes))
+
+    @property
+    def keys(self) -> dict[str, str]:
+        """Parameters of the device that the model can change."""
+        return self.theory.keys(self.case)
 
     def annual(self, table: ScatterTable, changes: Mapping[str, ArrayLike] = {}) -> jax.Array:
         """Mean power absorbed in the seas of a scatter table, weighted by their shares, W per metre of width.
@@ -142,24 +135,23 @@ class FastModel:
         **Raises** CaseError for a parameter of the waves, which are those of the table.
         """
         for key in changes:
-            if key in REGULAR + SEA:
+            if key in {**REGULAR, **SEA}:
                 raise CaseError(f"{key}: the waves are those of the scatter table; vary the device only")
         used = table.share > 0.0
 
         def power(Hs: jax.Array, Tp: jax.Array) -> jax.Array:
-            return self.response({**changes, "waves.Hs": Hs, "waves.Tp": Tp}).P_owc
+            return self.results({**changes, "waves.Hs": Hs, "waves.Tp": Tp})[self.theory.power]
 
         found = jax.vmap(power)(jnp.asarray(table.Hs[used]), jnp.asarray(table.Tp[used]))
         return jnp.asarray(table.share[used]) @ found
 
     def moved(self, case: Case) -> FastModel:
-        """The model of a case with other lengths of the device; loss and inertia stay."""
-        water = WaterSeries.of(chamber_geometry(case), self.water.omega, case.g)
-        return dataclasses.replace(self, case=case, water=water)
+        """The model of a case with other lengths of the device; the additions stay."""
+        return dataclasses.replace(self, theory=self.theory.of(case, self.theory.series.ends))
 
     def _incident(self, values: dict[str, jax.Array]) -> Incident:
         """Incident waves with the case's or with changed values, which are removed from `values`."""
-        of_sea, of_regular = ({key for key in keys if KEYS[key] in values} for keys in (SEA, REGULAR))
+        of_sea, of_regular = ({key for key in keys if keys[key] in values} for keys in (SEA, REGULAR))
         if not of_sea:
             return Incident.regular(
                 *(values.pop(name, getattr(self.case.waves, name)) for name in ("H", "T"))
@@ -171,28 +163,24 @@ class FastModel:
             )
         return Incident.sea(values.pop("Hs"), values.pop("Tp"), JONSWAP(1.0, 1.0))
 
-    def _within(self, waves: Incident, lengths: Mapping[str, ArrayLike]) -> jax.Array:
-        """Whether waves and lengths are in the range of the model."""
-        low, middle, high = self.water.omega
+    def _within(self, waves: Incident) -> jax.Array:
+        """Whether waves are in the range of the model."""
+        low, middle, high = self.theory.series.ends
         # seas contain waves of little power, which may be shorter than regular waves
         most = middle if len(waves.omega) == 1 else high
-        found = (jnp.min(waves.omega) >= low) & (jnp.max(waves.omega) <= most)
-        for name, value in lengths.items():
-            usual = self.water.lengths[name]
-            found &= jnp.abs(jnp.asarray(value) - usual) <= 2.0 * SHARE * usual
-        return found
+        return (jnp.min(waves.omega) >= low) & (jnp.max(waves.omega) <= most)
 
     @property
     def error(self) -> dict[str, float]:
         """Relative error of the model's predictions for runs that were left out (root of the mean square),
         by the names of the results in a `Response` (-); NaN without runs."""
         if not self.runs:
-            return dict.fromkeys(READ, float("nan"))
+            return dict.fromkeys(self.theory.read, float("nan"))
         return {
             name: float(
                 np.sqrt(np.mean([(one.left_out[name] / one.results[name] - 1.0) ** 2 for one in self.runs]))
             )
-            for name in READ
+            for name in self.theory.read
         }
 
     def write(self, path: str | Path) -> None:
@@ -203,8 +191,8 @@ class FastModel:
             "added_error": self.added_error._asdict(),
             "error": self.error,
             "runs": [one._asdict() for one in self.runs],
-            "omega": self.water.omega,
-            "water": np.asarray(self.water.coefficients, float).tolist(),
+            "omega": self.theory.series.ends,
+            "series": np.asarray(self.theory.series.coefficients, float).tolist(),
         }
         try:
             Path(path).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
@@ -217,12 +205,12 @@ class FastModel:
         try:
             content = json.loads(Path(path).read_text(encoding="utf-8"))
             case = Case.from_dict(content["case"])
-            if len(content["omega"]) != len(PERIODS):
+            if "series" not in content:
                 raise ValueError("it was written by an earlier version; run jaxsph calibrate again")
-            found = np.asarray(content["water"]), tuple(content["omega"])
-            water = WaterSeries.restored(*found, chamber_geometry(case), case.g)
-            added, error = (Additions(**content[name]) for name in ("added", "added_error"))
-            return cls(case, water, added, error, tuple(Predicted(**one) for one in content["runs"]))
+            series = Series(jnp.asarray(content["series"], jnp.float32), tuple(content["omega"]))
+            theory = kind_of(case).restored(case, series)
+            added, error = (theory.additions_from(content[name]) for name in ("added", "added_error"))
+            return cls(theory, added, error, tuple(Predicted(**one) for one in content["runs"]))
         except OSError as error:
             raise FileError(f"{path}: {error.strerror}") from None
         except (ValueError, KeyError, TypeError) as error:
@@ -239,14 +227,15 @@ def calibrate(
     executor: Executor | None = None,
     progress: bool = True,
 ) -> FastModel:
-    """Fast model of a case's oscillating water column, from a few runs of the case.
+    """Fast model of a case's oscillating water column or bodies, from a few runs of the case.
 
     **Arguments**: `out`: file of the model; the runs are stored beside it, in `<name>_runs.h5`, from which a
-    repeated call continues; `over`: parameters of the runs, lists of equal length by the names in `KEYS` for
-    waves and damping; by default five runs around the case (`VARIED`); `periods`: shortest and longest period
-    of interest, s, if they are beyond those of the runs; `workers`, `executor`: see `sweep`.
-    **Raises** CaseError, before any run, for a case that linear theory of an oscillating water column does
-    not cover; CaseError if fewer than four runs succeed; FileError as `sweep`.
+    repeated call continues; `over`: parameters of the runs, lists of equal length by name, for waves and
+    dampings; by default five runs around the case (`VARIED`, `DAMPED`); `periods`: shortest and longest
+    period of interest, s, if they are beyond those of the runs; `workers`, `executor`: see `sweep`.
+    **Raises** CaseError, before any run, for a case that linear theory of an oscillating water column, or of
+    bodies with power take-offs, does not cover; CaseError if fewer than four runs succeed; FileError as
+    `sweep`.
     """
     path, over = Path(out).resolve(), over if over is not None else members_around(case)
     check(case, over)
@@ -259,7 +248,18 @@ def calibrate(
 def members_around(case: Case) -> dict[str, list[float]]:
     """Parameters of the runs by which a case is calibrated, lists of equal length by name."""
     check(case, {})
-    return {key: [case.value(key) * factor for factor in factors] for key, factors in VARIED.items()}
+    return {key: [case.value(key) * factor for factor in factors] for key, factors in _varied(case).items()}
+
+
+def _varied(case: Case) -> dict[str, tuple[float, ...]]:
+    """Parameters that differ between the runs of a calibration, and their factors."""
+    return VARIED | dict.fromkeys(kind_of(case).dampings(case), DAMPED)
+
+
+def kind_of(case: Case) -> type[AbstractFastTheory]:
+    """Kind of theory that suits the device of a case."""
+    bodies = any(one.free for one in case.every_body.values())
+    return BodyTheory if bodies else ColumnTheory
 
 
 def runs_of(path: Path) -> Path:
@@ -271,13 +271,16 @@ def check(case: Case, over: Mapping[str, Sequence[float]]) -> None:
     """**Raises** CaseError if a case or the parameters of its runs do not suit a calibration."""
     if not isinstance(case, Case):
         raise CaseError("a fast model needs a case, and this is a program")
-    if case.device is None or case.waves is None or case.waves.kind != "regular" or not case.turbines:
-        raise CaseError("a fast model needs a device with a turbine in regular waves")
-    if missing := why_no_theory(case):
-        raise CaseError(f"{missing}: a fast model needs linear theory of the oscillating water column")
+    if case.waves is None or case.waves.kind != "regular":
+        raise CaseError(
+            "a fast model needs a device with a turbine, or bodies with power take-offs, in regular waves"
+        )
+    if missing := kind_of(case).why_not(case):
+        raise CaseError(missing)
+    varied = _varied(case)
     for key, values in over.items():
-        if key not in VARIED:
-            raise CaseError(f"{key}: the runs of a calibration differ in {', '.join(VARIED)} only")
+        if key not in varied:
+            raise CaseError(f"{key}: the runs of a calibration differ in {', '.join(varied)} only")
         if len(values) < LEAST:
             raise CaseError(f"{key}: a calibration needs {LEAST} runs or more, not {len(values)}")
     for values in zip(*over.values(), strict=False):
@@ -292,36 +295,37 @@ def check(case: Case, over: Mapping[str, Sequence[float]]) -> None:
 def fitted(case: Case, runs: Sweep, periods: tuple[float, float] | None = None) -> FastModel:
     """Model of a case, fitted to runs; `periods` as in `calibrate`. **Raises** CaseError if fewer than
     `LEAST` runs succeeded."""
-    found = [_read(runs, k) for k in range(len(next(iter(runs.axes.values())))) if (k,) not in runs.failures]
-    if len(found) < LEAST:
+    every = range(len(next(iter(runs.axes.values()))))
+    done = [k for k in every if (k,) not in runs.failures]
+    if len(done) < LEAST:
         texts = "; ".join(f"{runs.words(k)}: {text}" for k, text in runs.failures.items())
-        raise CaseError(f"only {len(found)} runs succeeded, and {LEAST} are needed. {texts}")
-    T = [({"waves.T": case.value("waves.T")} | one.changes)["waves.T"] for one in found]
+        raise CaseError(f"only {len(done)} runs succeeded, and {LEAST} are needed. {texts}")
+    T = [({"waves.T": case.value("waves.T")} | runs.at((k,)))["waves.T"] for k in done]
     T += periods or ()
-    theory = FastModel.of_theory(case, (min(T), max(T)))
-    fit = _Fit(theory, found)
+    linear = FastModel.of_theory(case, (min(T), max(T)))
+    found = [_read(runs, linear.theory.read, k) for k in done]
+    fit = _Fit(linear, found)
     added, error = fit.to(np.ones(len(found)))
     predicted = []
     for k, one in enumerate(found):
         others, _ = fit.to(np.arange(len(found)) != k)
-        at = fit.responses(others)
-        left_out = {name: float(getattr(at, name)[k]) for name in READ}
+        left_out = {name: float(values[k]) for name, values in fit.results(others).items()}
         predicted.append(one._replace(left_out=left_out))
-    return dataclasses.replace(theory, added=added, added_error=error, runs=tuple(predicted))
+    return dataclasses.replace(linear, added=added, added_error=error, runs=tuple(predicted))
 
 
-def _read(runs: Sweep, k: int) -> Predicted:
-    """Parameters and results of a run, without predictions.
+def _read(runs: Sweep, read: Mapping[str, str], k: int) -> Predicted:
+    """Parameters and results of a run, without predictions; `read`: see `AbstractFastTheory.read`.
 
     **Raises** CaseError if its waves were not measured or have not settled.
     """
-    missing = [of for of in ("incident_height", *READ.values()) if not np.isfinite(_result(runs, of, k))]
+    missing = [of for of in ("incident_height", *read.values()) if not np.isfinite(_result(runs, of, k))]
     if missing:
         raise CaseError(
             f"the run with {runs.words((k,))} has no {' and no '.join(missing)}: a fast model needs gauges "
             "(probes.gauges) that measure the incident waves, and t1 long enough for settled periods"
         )
-    results = {name: _result(runs, of, k) for name, of in READ.items()}
+    results = {name: _result(runs, of, k) for name, of in read.items()}
     return Predicted(runs.at((k,)), _result(runs, "incident_height", k), results, {})
 
 
@@ -331,45 +335,59 @@ def _result(runs: Sweep, name: str, k: int) -> float:
 
 
 class _Fit:
-    """Fits of a model's loss and inertia to some of several runs, which share compiled functions."""
+    """Fits of a model's additions to some of several runs, which share compiled functions."""
 
     def __init__(self, model: FastModel, runs: Sequence[Predicted]) -> None:
-        """Fits of the loss and inertia of `model`, in which they are zero."""
-        changes = _changes(runs)
-        usual = jnp.asarray([[one.results[name] for name in READ] for one in runs])
+        """Fits of the additions of `model`, in which they are zero."""
+        changes, read = _changes(runs), [*model.theory.read]
+        usual = jnp.asarray([[one.results[name] for name in read] for one in runs])
+        self._count = len(read)
+        self._start, self._scale, *self._bounds = (_flat(a) for a in model.theory.additions)
+        _, self._whole = jax.flatten_util.ravel_pytree(model.added)
 
-        def responses(added: Additions) -> Response:
-            return jax.vmap(dataclasses.replace(model, added=added).response)(changes)
+        def results(x: jax.Array) -> dict[str, jax.Array]:
+            there = dataclasses.replace(model, added=self._whole(x))
+            found = jax.vmap(there.results)(changes)
+            return {name: found[name] for name in read}
 
         def residuals(x: jax.Array, weights: jax.Array) -> jax.Array:
-            found = responses(Additions(x[0], x[1]))
-            off = jnp.stack([getattr(found, name) for name in READ], 1) / usual - 1.0
+            off = jnp.stack([*results(x).values()], 1) / usual - 1.0
             return jnp.ravel(off * weights[:, None])
 
-        self.responses = jax.jit(responses)
-        """Responses of a model with this loss and inertia in the waves of the runs, `[R]`."""
+        self._results = jax.jit(results)
         self._residuals, self._slopes = jax.jit(residuals), jax.jit(jax.jacfwd(residuals))
 
-    def to(self, weights: NDArray) -> tuple[Additions, Additions]:
-        """Loss and inertia that fit the runs with weight 1 best, and their standard errors.
+    def results(self, added: Any) -> dict[str, jax.Array]:
+        """Results of a model with these additions in the waves of the runs, `[R]`."""
+        return self._results(jnp.asarray(_flat(added), jnp.float32))
+
+    def to(self, weights: NDArray) -> tuple[Any, Any]:
+        """Additions that fit the runs with weight 1 best, and their standard errors.
 
         The sum of the squares of the results' relative errors is the least. The standard errors follow from
         the scatter of these errors. The weights of the other runs are 0.
         """
 
         def of(function: Callable[..., jax.Array]) -> Callable[[NDArray], NDArray]:
-            return lambda x: np.asarray(function(jnp.asarray(x), jnp.asarray(weights, float)), float)
+            return lambda x: np.asarray(
+                function(jnp.asarray(x, jnp.float32), jnp.asarray(weights, float)), float
+            )
 
         best = scipy.optimize.least_squares(
-            of(self._residuals),
-            [1.0, 0.0],
-            of(self._slopes),
-            bounds=([0.0, -0.5], [np.inf, 2.0]),
-            x_scale=[1.0, 0.1],
+            of(self._residuals), self._start, of(self._slopes), bounds=self._bounds, x_scale=self._scale
         )
-        freedom = np.count_nonzero(weights) * len(READ) - best.x.size
+        freedom = max(np.count_nonzero(weights) * self._count - best.x.size, 1)
         covariance = np.linalg.pinv(best.jac.T @ best.jac) * (2.0 * best.cost / freedom)
-        return Additions(*map(float, best.x)), Additions(*map(float, np.sqrt(np.diag(covariance))))
+        return self._named(best.x), self._named(np.sqrt(np.diag(covariance)))
+
+    def _named(self, x: NDArray) -> Any:
+        """Additions from their values in one row."""
+        return jax.tree.map(float, self._whole(jnp.asarray(x, jnp.float32)))
+
+
+def _flat(added: Any) -> NDArray:
+    """Values of additions in one row, in double precision."""
+    return np.array(jax.tree.leaves(added), float)
 
 
 def _changes(runs: Sequence[Predicted]) -> dict[str, jax.Array]:

@@ -10,7 +10,7 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,29 +20,14 @@ from numpy.typing import NDArray
 
 from jaxsph.case.case import Case
 from jaxsph.errors import CaseError
-from jaxsph.study.fast_model import (
-    KEYS,
-    LEAST,
-    REGULAR,
-    SEA,
-    VARIED,
-    FastModel,
-    calibrate,
-    check,
-    members_around,
-)
+from jaxsph.study.fast_column import LENGTHS
+from jaxsph.study.fast_model import DAMPED, LEAST, FastModel, calibrate, check, kind_of, members_around
 from jaxsph.study.matrix import ScatterTable
 from jaxsph.study.optimise import Maximum, Record, check_bounds
 from jaxsph.study.ownership import only_study
-from jaxsph.waves.fast_owc import SHARE, Additions, WaterSeries
+from jaxsph.waves.fast_owc import SHARE
 
-DEVICE = tuple(key for key in KEYS if key not in REGULAR + SEA)
-"""Parameters that a search can vary."""
-LENGTHS = tuple(key for key in DEVICE if key.startswith("device."))
-"""Those that are lengths."""
-RESULTS = ("xi", "P_owc")
-"""Results that a search can maximise."""
-FIRST = len(next(iter(VARIED.values())))
+FIRST = len(DAMPED)
 """Number of runs of the first device; each other device has `LEAST`."""
 GAIN = 0.01
 """Gain that the model must promise for another set of runs, relative to the best value (-)."""
@@ -82,7 +67,7 @@ def search(
     workers: int | None = None,
     progress: bool = True,
 ) -> Maximum:
-    """Maximises the efficiency or power of a case's oscillating water column by a fast model of it.
+    """Maximises the efficiency or power of a case's device by a fast model of it.
 
     The first device is that of the case. A fast model is fitted to five runs of it (`calibrate`), and
     proposes the parameters with the largest result. Four runs of the proposed device follow, to which the
@@ -90,11 +75,11 @@ def search(
     than 1 % more than the best device so far, if the runs of a proposed device fail, and after `evaluations`
     devices.
 
-    **Arguments**: `over`: bounds (lowest, highest) of the damping and lengths (`DEVICE`); `of`: "xi" or
-    "P_owc" in the case's waves; `table`: scatter table for the mean of P_owc over its seas instead; the runs
-    have regular waves with the mean energy and the mean period of the table. The runs have no probes of
-    pressure and velocity. `out`: the file of the devices; models and runs are stored in `<out>.models`, from
-    which a repeated call continues. `workers`: see `sweep`.
+    **Arguments**: `over`: bounds (lowest, highest) of dampings and lengths that a fast model can change;
+    `of`: "xi", or the absorbed power in the case's waves; `table`: scatter table for the mean power over its
+    seas instead; the runs have regular waves with the mean energy and the mean period of the table. The runs
+    have no probes of pressure and velocity. `out`: the file of the devices; models and runs are stored in
+    `<out>.models`, from which a repeated call continues. `workers`: see `sweep`.
     **Returns** the best device, whose value is the prediction of the model that was fitted to its runs.
     "error RESULT" in the `history` is the standard error of this prediction, and "promised RESULT" is the
     prediction before the device was run.
@@ -146,7 +131,8 @@ def _improve(
             break
         proposer = _Proposer(aim, model) if proposer is None else proposer
         value, at = proposer.of_device(model)
-        history.append({**at, aim.of: value, f"error {aim.of}": model.error["xi"] * value, **promise})
+        error = model.error[model.theory.predictable[aim.of].like] * value
+        history.append({**at, aim.of: value, f"error {aim.of}": error, **promise})
         record.write(history)
         best = max(one[aim.of] for one in history)
         here = proposer.best(model)
@@ -166,12 +152,13 @@ class _Proposer:
         self._names = [*aim.over]
         self._bounds = np.log([aim.over[name] for name in self._names])
 
-        def value(x: jax.Array, water: WaterSeries, added: Additions) -> jax.Array:
+        def value(x: jax.Array, water: Any, added: Any) -> jax.Array:
             changes = dict(zip(self._names, jnp.exp(x), strict=True))
-            there = dataclasses.replace(model, water=water, added=added)
+            theory = dataclasses.replace(model.theory, water=water)
+            there = dataclasses.replace(model, theory=theory, added=added)
             if aim.table is not None:
                 return there.annual(aim.table, changes)
-            return getattr(there.response(changes), aim.of)
+            return there.results(changes)[aim.of]
 
         self._several = jax.jit(jax.vmap(value, (0, None, None)))
         self._falling = jax.jit(jax.value_and_grad(lambda *given: -jnp.log(value(*given))))
@@ -194,7 +181,7 @@ class _Proposer:
         """Case whose device has the largest result by a model, anywhere within the bounds."""
         x, case = np.clip(self._values(model.case), *self._bounds.T), model.case
         for _ in range(MOVES):
-            low, high = self._known(model.water)
+            low, high = self._known(model)
             _, x = self._climb(model, low, high, x)
             case = case.replace(self._parameters(x))
             # whether a length stopped where the response of the water is no longer known, not at a bound
@@ -211,19 +198,19 @@ class _Proposer:
     def _parameters(self, x: Vector) -> dict[str, float]:
         return dict(zip(self._names, map(float, np.exp(x)), strict=True))
 
-    def _known(self, water: WaterSeries) -> tuple[Vector, Vector]:
+    def _known(self, model: FastModel) -> tuple[Vector, Vector]:
         """Part of the bounds in which the response of the water is known."""
         low, high = self._bounds.T.copy()
         for k, name in enumerate(self._names):
             if name in LENGTHS:
-                usual = water.lengths[KEYS[name]]
+                usual = model.theory.water.lengths[LENGTHS[name]]
                 ends = np.log([(1.0 - REACH) * usual, (1.0 + REACH) * usual])
                 low[k], high[k] = np.clip(ends, *self._bounds[k])
         return low, high
 
     def _climb(self, model: FastModel, low: Vector, high: Vector, x: Vector) -> tuple[float, Vector]:
         """Largest result between two bounds, and where it is; begins at the best of random points and x."""
-        given = model.water, model.added
+        given = model.theory.water, model.added
         points = low + np.random.default_rng(0).random((STARTS, len(x))) * (high - low)
         points[0] = np.clip(x, low, high)
         found = np.asarray(self._several(jnp.asarray(points), *given))
@@ -251,14 +238,16 @@ def checked(
 ) -> tuple[_Aim, Case]:
     """What is maximised, and the case with the waves of the runs. **Raises** CaseError as `search`."""
     check(case, {})
+    kind = kind_of(case)
+    keys, results = kind.keys(case), ("xi", kind.power)
     for name in over:
-        if name not in DEVICE:
-            raise CaseError(f"{name}: a fast model can search in {', '.join(DEVICE)} only")
+        if name not in keys:
+            raise CaseError(f"{name}: a fast model can search in {', '.join(keys)} only")
     check_bounds(case, over)
     if table is not None:
-        of, case = "P_owc", case.replace(_regular_waves(table))
-    if of not in RESULTS:
-        raise CaseError(f"of = {of!r}: a fast model predicts {' and '.join(RESULTS)} only")
+        of, case = kind.power, case.replace(_regular_waves(table))
+    if of not in results:
+        raise CaseError(f"of = {of!r}: a fast model predicts {' and '.join(results)} only")
     case = case.replace({f"probes.{name}": None for name in UNUSED if case.value(f"probes.{name}")})
     for corner in itertools.product(*over.values()):
         case.replace(dict(zip(over, corner, strict=True)))

@@ -17,7 +17,6 @@ respect to the waves, the damping and the chamber.
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 from typing import NamedTuple
 
@@ -28,6 +27,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxsph.core.arrays import Array, Float, Scalar
+from jaxsph.core.chebyshev import Series
 from jaxsph.core.roots import fixed_point
 from jaxsph.waves import theory
 from jaxsph.waves.radiation import ChamberGeometry, radiation_and_scattering
@@ -37,8 +37,6 @@ LENGTHS = ("draught", "length", "thickness")
 """Lengths of a `ChamberGeometry` that may change."""
 SHARE = 0.1
 """Change of each length at which the water's response is solved besides the given one, relative to it (-)."""
-NODES = 16
-"""Number of frequencies at which the water's response is solved, in each range."""
 COMPONENTS = 93
 """Number of waves of a sea."""
 ITERATIONS = 26
@@ -52,13 +50,12 @@ class WaterSeries(eqx.Module):
     length, whose changes add up.
     """
 
-    coefficients: Float[Array, "P V C 4"]
-    """Coefficients of the series of each range, for each set of lengths: the given ones, then each length of
-    `LENGTHS` reduced and increased; for the real and imaginary parts of 1 / q_R (1/m) and q_S / q_R (1/s)."""
+    series: Series
+    """Series over the angular frequency (rad/s) of the real and imaginary parts of 1 / q_R (1/m) and of
+    q_S / q_R (1/s), `[V, 4]`, for each set of lengths: the given ones, then each length of `LENGTHS` reduced
+    and increased."""
     lengths: dict[str, float]
     """The given lengths of `LENGTHS`, m."""
-    omega: tuple[float, ...] = eqx.field(static=True)
-    """Bounds of the ranges of angular frequency, ascending, rad/s."""
     depth: float = eqx.field(static=True)
     """Depth of the water, m."""
     g: float = eqx.field(static=True, default=theory.GRAVITY)
@@ -70,36 +67,24 @@ class WaterSeries(eqx.Module):
     ) -> WaterSeries:
         """Series for the ranges of angular frequency between the successive values of omega (rad/s,
         ascending); solves some 100 flows for each, in a second."""
-        places = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
-        basis = np.cos(np.arange(NODES)[:, None] * np.arccos(places)) * (2.0 / NODES)
-        basis[0] *= 0.5
-        found = []
-        for low, high in itertools.pairwise(omega):
-            nodes = 0.5 * (low + high) + 0.5 * (high - low) * places
-            found.append([basis @ _responses(one, nodes, g) for one in _around(geometry)])
-        return cls.restored(np.array(found), omega, geometry, g)
+
+        def responses(nodes: np.ndarray) -> np.ndarray:
+            return np.stack([_responses(one, nodes, g) for one in _around(geometry)], axis=1)
+
+        return cls.restored(Series.of(responses, omega), geometry, g)
 
     @classmethod
-    def restored(
-        cls, coefficients: np.ndarray, omega: tuple[float, ...], geometry: ChamberGeometry, g: float
-    ) -> WaterSeries:
-        """Series with coefficients that were found before, for the given lengths."""
+    def restored(cls, series: Series, geometry: ChamberGeometry, g: float) -> WaterSeries:
+        """Response with series that were found before, for the given lengths."""
         usual = {name: float(getattr(geometry, name)) for name in LENGTHS}
-        return cls(jnp.asarray(coefficients, jnp.float32), usual, omega, geometry.depth, g)
+        return cls(series, usual, geometry.depth, g)
 
     def at(self, omega: Scalar, lengths: dict[str, Scalar]) -> tuple[Array, Array]:
         """Complex flows q_R (m) and q_S (m/s) at an angular frequency (rad/s).
 
         `lengths`: lengths that differ from the given ones, m, by the names in `LENGTHS`.
         """
-        bounds = jnp.asarray(self.omega)
-        piece = jnp.searchsorted(bounds[1:-1], omega)
-        series, low, high = self.coefficients[piece], bounds[piece], bounds[piece + 1]
-        x = (2.0 * omega - low - high) / (high - low)
-        before, last = jnp.zeros(series[:, 0].shape), jnp.zeros(series[:, 0].shape)
-        for k in range(NODES - 1, 0, -1):  # Clenshaw's recurrence
-            before, last = last, 2.0 * x * last - before + series[:, k]
-        values = x * last - before + series[:, 0]
+        values = self.series(omega)
         found = values[0]
         for k, name in enumerate(LENGTHS):
             usual, less, more = self.lengths[name], values[1 + 2 * k], values[2 + 2 * k]

@@ -1,0 +1,160 @@
+"""Fast theory of floating or jointed bodies with power take-offs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxsph.case.linear_bodies import SmallMotions, small_motions, why_no_motions
+from jaxsph.case.settling import given_waves
+from jaxsph.problem.results import amplitude
+from jaxsph.study.fast_theory import AbstractFastTheory, Predictable
+from jaxsph.waves.fast_bodies import BodyAdditions, BodySeries, Dampers, body_response
+
+__all__ = ["BodyTheory"]
+
+
+@dataclass(frozen=True)
+class BodyTheory(AbstractFastTheory):
+    """Linear theory of a case's bodies, with quadratic drag and inertia of each free coordinate."""
+
+    water: BodySeries
+    small: SmallMotions
+    """Bodies and links about their equilibrium."""
+    dampers: Dampers
+    """Forces of the links against the rates of their extensions."""
+
+    power: ClassVar[str] = "P_pto"
+
+    @classmethod
+    def why_not(cls, case):
+        """See `AbstractFastTheory`."""
+        if not case.has_take_off or case.chambers:
+            return "a fast model of bodies needs a power take-off of a body, and no chamber"
+        if reason := why_no_motions(case):
+            return f"{reason}: a fast model needs linear theory of the bodies"
+        for name, section in case.link.items():
+            if section.friction or section.latch_damping:
+                return f"link.{name} has friction or a latch, which a fast model does not cover"
+        for name, body in case.every_body.items():
+            if body.pto is not None and body.pto.coulomb:
+                return f"{case.body_key(name)}.pto.coulomb is friction, which a fast model does not cover"
+        return ""
+
+    @classmethod
+    def of(cls, case, omega):
+        """See `AbstractFastTheory`."""
+        small = small_motions(case)
+        water = BodySeries.of(small.section, small.bodies, omega, case.fluid.rho0, case.g)
+        return cls(case, water, small, _dampers(small))
+
+    @classmethod
+    def restored(cls, case, series):
+        """See `AbstractFastTheory`."""
+        small = small_motions(case)
+        water = BodySeries.restored(series, small.section, small.bodies, case.fluid.rho0, case.g)
+        return cls(case, water, small, _dampers(small))
+
+    @classmethod
+    def keys(cls, case):
+        """See `AbstractFastTheory`."""
+        found = {f"{case.body_key(body)}.pto.damping": name for body, name in case.pto_names.items()}
+        return found | {f"link.{name}.damping": name for name, one in case.link.items() if one.damping}
+
+    @classmethod
+    def dampings(cls, case):
+        """See `AbstractFastTheory`."""
+        taken = {*case.pto_names.values(), *(name for name, one in case.link.items() if one.take_off)}
+        return tuple(key for key, name in cls.keys(case).items() if name in taken and case.value(key))
+
+    @property
+    def read(self):
+        """See `AbstractFastTheory`."""
+        return {"P_pto": "P_pto"} | {name: amplitude(name) for name in self.small.swings}
+
+    @property
+    def predictable(self):
+        """See `AbstractFastTheory`."""
+        found = {
+            "xi": Predictable("ratio of absorbed to incident power", "", "P_pto"),
+            "P_pto": Predictable("absorbed power", "W per metre of width", "P_pto"),
+        }
+        for name in self.small.swings:
+            unit = "rad" if "pitch" in name else "m"
+            found[name] = Predictable(f"amplitude of the {name.replace('_', ' ')}", unit, name)
+        return found
+
+    @property
+    def additions(self):
+        """See `AbstractFastTheory`."""
+        n = len(self.small.bodies.mass)
+        # the drag that doubles the damping by radiation in the waves of the case
+        waves = given_waves(self.case)
+        impedance, force = self.water.at(jnp.asarray(2.0 * np.pi / waves.period))
+        radiated = np.asarray(jnp.real(jnp.diag(impedance)), float)
+        rate = 0.5 * waves.height * np.abs(np.asarray(force)) / np.maximum(radiated, 1e-9)
+        drag = tuple(float(a) for a in radiated / np.maximum(rate, 1e-9))
+        none = (0.0,) * n
+        return (
+            BodyAdditions(drag, none),
+            BodyAdditions(drag, (0.1,) * n),
+            BodyAdditions(none, (-0.5,) * n),
+            BodyAdditions((np.inf,) * n, (2.0,) * n),
+        )
+
+    def additions_from(self, given):
+        """See `AbstractFastTheory`."""
+        return BodyAdditions(*(tuple(map(float, given[name])) for name in BodyAdditions._fields))
+
+    def _coordinates(self) -> list[str]:
+        """Names of the free coordinates, with spaces."""
+        ways = np.eye(len(self.small.bodies.mass))
+        named = [
+            next(name for name, way in self.small.swings.items() if np.allclose(way, one)) for one in ways
+        ]
+        return [name.replace("_", " ") for name in named]
+
+    def found(self, added, error):
+        """See `AbstractFastTheory`."""
+        rows = []
+        for k, name in enumerate(self._coordinates()):
+            unit = "N m s2" if "pitch" in name else "N s2/m2"
+            pairs = [(a[k], b[k]) for a, b in zip(added, error, strict=True)]
+            (drag, its_error), (inertia, other_error) = pairs
+            rows.append((f"drag in {name}", f"{drag:.3g} +- {its_error:.2g} {unit} per metre of width"))
+            text = f"{inertia:.3g} +- {other_error:.2g} times the body's own"
+            rows.append((f"additional inertia in {name}", text))
+        return rows
+
+    def respond(self, added, values, waves):
+        """See `AbstractFastTheory`."""
+        linear = [values.get(name, c) for name, c in zip(self.small.links, self.dampers.linear, strict=True)]
+        dampers = self.dampers._replace(linear=jnp.stack([*map(jnp.asarray, linear)]))
+        return body_response(self.water, added, dampers, waves)
+
+    def results(self, response):
+        """See `AbstractFastTheory`."""
+        found = {"xi": response.xi, "P_pto": response.P_pto}
+        for name, way in self.small.swings.items():
+            each = response.coordinates @ jnp.asarray(way, jnp.float32)
+            found[name] = jnp.sqrt(jnp.sum(jnp.abs(each) ** 2, axis=-1))
+        return found
+
+    def within(self, values):
+        """See `AbstractFastTheory`."""
+        del values
+        return True
+
+
+def _dampers(small: SmallMotions) -> Dampers:
+    """Forces of links without friction, by their values at two rates."""
+    at_one, at_two = (
+        np.array([-float(one.force(np.array([v]))[0]) for one in small.bodies.dampings]) for v in (1.0, 2.0)
+    )
+    quadratic = 0.5 * (at_two - 2.0 * at_one)
+    harvests = np.array([*small.links.values()], float)
+    given = (at_one - quadratic, quadratic, harvests)
+    return Dampers(*(jnp.asarray(a, jnp.float32) for a in given))
