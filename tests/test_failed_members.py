@@ -157,7 +157,7 @@ def test_the_command_prints_and_draws_a_matrix_before_it_refuses_the_mean(a_matr
     pages = []
     monkeypatch.setattr(js, "power_matrix", lambda *_, **__: a_matrix, raising=False)
     monkeypatch.setattr(studies, "announce", lambda *_: None)
-    monkeypatch.setattr(studies, "_note", lambda *_: None)
+    monkeypatch.setattr(studies, "note_members", lambda *_: None)
     monkeypatch.setattr(studies, "write_page", lambda *given: pages.append(given))
     (tmp_path / "sea.toml").write_text(SEA.to_toml())
     (tmp_path / "table.csv").write_text("Hs,Tp,share\n0.04,1.2,1\n")

@@ -92,6 +92,40 @@ def test_a_search_of_the_damping_alone_needs_one_device(tmp_path, monkeypatch):
     assert len(asked) == 1 and "less than 1% more" in found.reason
 
 
+@pytest.mark.parametrize("price", [0.0, 40.0])
+def test_a_search_maximises_the_result_over_the_cost(tmp_path, monkeypatch, price):
+    calibrate, asked = _calibrated(lambda length: 1.8)
+    monkeypatch.setattr(searching, "calibrate", calibrate)
+    cost = js.Cost(1.0, {"device.chamber_length": price})
+    found = js.search(CASE, BOTH, tmp_path / "s.h5", cost=cost, progress=False)
+    assert found.of == "xi per cost" and found.value == max(one["xi per cost"] for one in found.history)
+    lengths = np.array([case.value("device.chamber_length") for case, _ in asked])
+    # without a price the longer chamber is better, with this one the shortest within the bounds
+    assert lengths[-1] > 0.2 if price == 0.0 else lengths[-1] == pytest.approx(0.12)
+    last = found.history[-1]
+    model = dataclasses.replace(_theory(asked[-1][0]), added=Additions(1.8, 0.1))
+    xi = float(model.response({"pto.K_dm": last["pto.K_dm"]}).xi)
+    assert last["xi per cost"] == pytest.approx(xi / (1.0 + price * lengths[-1]), rel=1e-3)
+
+
+def test_a_search_varies_the_damping_of_a_body(tmp_path, monkeypatch):
+    case, asked = js.load_case("buoy_heave").replace({"t1": 16.0}), []
+
+    def calibrate(case, out, *, over, periods, **_):
+        asked.append([*over])
+        runs = Predicted({}, 0.04, {"P_pto": 1.0, "heave": 1.0}, {"P_pto": 1.02, "heave": 1.0})
+        return dataclasses.replace(_theory(case, periods), runs=(runs,))
+
+    monkeypatch.setattr(searching, "calibrate", calibrate)
+    bounds = {"link.take_off.damping": (80.0, 290.0)}
+    found = js.search(case, bounds, tmp_path / "s.h5", of="P_pto", progress=False)
+    dampings = jnp.linspace(80.0, 290.0, 211)
+    powers = jax.vmap(lambda c: _theory(case).results({"link.take_off.damping": c})["P_pto"])(dampings)
+    assert found.value == pytest.approx(float(jnp.max(powers)), rel=1e-4)
+    assert found.history[0]["error P_pto"] == pytest.approx(0.02 * found.value, rel=1e-6)
+    assert asked == [["waves.H", "waves.T", "link.take_off.damping"]]
+
+
 def test_a_device_whose_runs_fail_ends_the_search_with_the_best_before(tmp_path, monkeypatch):
     calibrate, asked = _calibrated(lambda length: 1.8)
 
@@ -134,6 +168,14 @@ def test_a_search_over_seas_maximises_the_mean_power(tmp_path, monkeypatch):
         (CASE, {"pto.K_dm": (600.0, 900.0)}, {}, r"bounds must be positive, ascending and contain"),
         (CASE, BOTH, {"of": "energy_pto"}, r"of = 'energy_pto': a fast model predicts xi and P_owc only"),
         (CASE, BOTH, {"evaluations": 0}, r"evaluations = 0: must be 1 or more"),
+        (CASE, BOTH, {"cost": js.Cost(-1.0)}, r"cost of fixed = -1\.0: must be a number of at least 0"),
+        (
+            CASE,
+            BOTH,
+            {"cost": js.Cost(1.0, {"dx": 2.0})},
+            r"cost of dx: the search does not vary it; use pto",
+        ),
+        (CASE, BOTH, {"cost": js.Cost()}, r"the cost is zero for every device; give a price above 0"),
         (CASE, {"device.draught": (0.1, 0.41)}, {}, r"draught"),
         (js.load_case("wave_tank"), {"pto.K_dm": (1.0, 2.0)}, {}, r"a fast model needs a device with a turb"),
         (js.load_case("flap_2d"), {"pto.K_dm": (1.0, 2.0)}, {}, r"can search in body\.pto\.damping only"),
@@ -162,6 +204,15 @@ def test_the_command_searches_with_a_model(tmp_path, monkeypatch):
     assert done.exit_code == 0, done.output
     assert "best: xi = " in done.output and "less than 1% more" in done.output
     assert " +- " in done.output and (tmp_path / "runs" / "owc_optimum.html").exists()
+    priced = ["--cost", "fixed=2.0", "--cost", "pto.K_dm=0", "--out", "runs/priced.h5"]
+    done = CliRunner().invoke(app, ["optimise", "owc", "--set", "dx=0.04", *over, *priced, "--quiet"])
+    assert done.exit_code == 0, done.output
+    assert "best: xi per cost = 0.3" in done.output and (tmp_path / "runs" / "priced.html").exists()
+    other = ["optimise", "owc", "--over", "pto.K_dm=100:2500", "--cost", "fixed=2.0"]
+    done = CliRunner().invoke(app, other)
+    assert done.exit_code == 2 and "--cost needs --method model, not ensemble" in done.output
+    done = CliRunner().invoke(app, ["optimise", "owc", *over, "--cost", "fixed=1,2"])
+    assert done.exit_code == 2 and "--cost fixed: give one price, not 2" in done.output
     waves = ["--over", "waves.T=1.0:1.4", "--method", "model"]
     done = CliRunner().invoke(app, ["optimise", "owc", *waves, "--out", "new.h5"])
     # refused before a run is timed

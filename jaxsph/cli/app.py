@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from jaxsph.cli import calibration, cases, coefficients, running, showing, studies
+from jaxsph.cli import calibration, cases, coefficients, running, searching, showing, studies
 from jaxsph.output.hdf5 import version as installed_version
 
 app = typer.Typer(
@@ -42,8 +42,8 @@ _COMMANDS = {
     "coefficients": coefficients.coefficients,
     "calibrate": calibration.calibrate,
     "predict": calibration.predict,
-    "slope": studies.slope,
-    "optimise": studies.optimise,
+    "slope": searching.slope,
+    "optimise": searching.optimise,
     "resume": running.resume,
     "plot": showing.plot,
     "export": showing.export,

@@ -1,4 +1,4 @@
-"""Commands that run a case many times: `jaxsph sweep`, `matrix`, `slope` and `optimise`."""
+"""Commands that run a case many times: `jaxsph sweep` and `matrix`."""
 
 from __future__ import annotations
 
@@ -14,14 +14,11 @@ from jaxsph.case.report import in_time
 from jaxsph.cli.arguments import (
     CaseName,
     EndTime,
-    Method,
     Page,
     Quick,
     Quiet,
     Settings,
-    Way,
     Workers,
-    bounds_of,
     each_once,
     load,
     values_of,
@@ -32,8 +29,6 @@ from jaxsph.errors import CaseError
 from jaxsph.output.sweep_file import SweepFile
 from jaxsph.report.doubts import doubts_of_members
 from jaxsph.report.labels import label_of
-from jaxsph.study.base import check_result
-from jaxsph.study.search import checked, runs_of_search
 
 CLUSTER_TIMEOUT = 10
 """Time limit for connecting to a cluster's scheduler, s."""
@@ -83,7 +78,7 @@ def sweep(
         out = out if out is not None else Path("runs") / f"{loaded.name}_sweep.h5"
         if not quiet:
             _refuse_equal(loaded, over)
-            _note(loaded, over)
+            note_members(loaded, over)
             announce(loaded, out, math.prod(map(len, over.values())), workers, scheduler)
         done = js.sweep(
             loaded, over, out, workers=workers, batch=batch, executor=executor, progress=not quiet
@@ -144,7 +139,7 @@ def matrix(
             scatter.check_within(Hs, Tp)
         out = out if out is not None else Path("runs") / f"{loaded.name}_matrix.h5"
         if not quiet:
-            _note(loaded, {"waves.Hs": Hs, "waves.Tp": Tp})
+            note_members(loaded, {"waves.Hs": Hs, "waves.Tp": Tp})
             announce(loaded, out, len(Hs) * len(Tp) * seeds, None, scheduler)
         done = js.power_matrix(loaded, Hs, Tp, out, seeds=seeds, executor=executor, progress=not quiet)
         unknown = _print_matrix(done, scatter, out)
@@ -158,155 +153,6 @@ def matrix(
         _end_with_failures(done.sweep, unknown)
 
 
-def slope(  # its arguments are the options of the command
-    case: CaseName,
-    over: Annotated[str, typer.Option("--over", metavar="KEY", help="Parameter to vary, e.g. pto.K_dm.")],
-    of: Annotated[
-        str,
-        typer.Option(
-            "--of", help="Result: xi, P_owc or energy_pto; for an ensemble, any result, e.g. amplitude_P_a."
-        ),
-    ] = "xi",
-    method: Method = Way.ensemble,
-    members: Annotated[
-        int,
-        typer.Option(help="Number of runs around the case's value; the slope is that of a fitted parabola."),
-    ] = 9,
-    spread: Annotated[
-        float, typer.Option(help="Largest change of the parameter to either side, as a share of its value.")
-    ] = 0.3,
-    settings: Settings = None,
-    quick: Quick = False,
-    t1: EndTime = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="File; default: runs/<name of the case>_<KEY>.h5"),
-    ] = None,
-    quiet: Quiet = False,
-) -> None:
-    """Compute the slope of a result with respect to one parameter of the case, with its error."""
-    import jaxsph as js
-
-    with messages(INTERRUPTED if method is Way.ensemble else "interrupted"):
-        loaded = load(case, settings, quick, t1)
-        out = out if out is not None else Path("runs") / f"{loaded.name}_{over}.h5"
-        if not quiet:
-            _note(loaded, {})
-        found = js.derivative(loaded, over, of, method.of(spread, members, out), progress=not quiet)
-        error = "" if found.error is None else f" +- {found.error:.2g}"
-        print_table(
-            [
-                *((f"{of} at {key} = {value:.4g}", f"{there:.4g}") for key, value, there in _runs(found)),
-                (of, f"{found.value:.4g}"),
-                (f"d {of} / d {over}", f"{found.slope:.4g}{error}{_missing_runs(found)}"),
-                ("valid for changes up to", f"{found.reach:.3g}"),
-            ]
-        )
-        if method is Way.ensemble:
-            typer.echo(f"recorded in {out}")
-
-
-def optimise(  # its arguments are the options of the command
-    case: CaseName,
-    over: Annotated[
-        list[str], typer.Option("--over", metavar="KEY=LOW:HIGH", help="Parameter to optimise; repeatable.")
-    ],
-    of: Annotated[
-        str,
-        typer.Option(
-            "--of",
-            help="Result to maximise: xi, P_owc, energy_pto; for ensembles, any result, e.g. amplitude_P_a.",
-        ),
-    ] = "xi",
-    method: Method = Way.ensemble,
-    members: Annotated[int, typer.Option(help="Number of runs for every slope.")] = 9,
-    spread: Annotated[
-        float, typer.Option(help="Largest change of the parameter to either side, as a share of its value.")
-    ] = 0.3,
-    evaluations: Annotated[int, typer.Option(help="Largest number of points or devices that are run.")] = 10,
-    table: Annotated[
-        Path | None,
-        typer.Option(metavar="CSV", help="Scatter table of Hs, Tp and share or hours, for the annual P_owc."),
-    ] = None,
-    settings: Settings = None,
-    quick: Quick = False,
-    t1: EndTime = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="File; default: runs/<name of the case>_optimum.h5"),
-    ] = None,
-    report: Page = True,
-    quiet: Quiet = False,
-) -> None:
-    """Search for the parameter values that maximise a result, or continue an interrupted search."""
-    import jaxsph as js
-
-    with messages(INTERRUPTED):
-        loaded = load(case, settings, quick, t1)
-        out = out if out is not None else Path("runs") / f"{loaded.name}_optimum.h5"
-        bounds = each_once((bounds_of(text) for text in over), "--over")
-        scatter, of = (None, of) if table is None else (js.ScatterTable.read(table), "P_owc")
-        if not quiet:
-            _note(loaded, bounds)
-            _check_search(loaded, bounds, of, scatter, method)
-            runs = {Way.ensemble: evaluations * members, Way.model: runs_of_search(evaluations)}
-            if method in runs:
-                announce(loaded, out, runs[method], None, None, "at most ")
-        limits = {"evaluations": evaluations, "progress": not quiet}
-        if method is Way.model:
-            found = js.search(loaded, bounds, out, of=of, table=scatter, **limits)
-        else:
-            way = method.of(spread, members)
-            way = way if scatter is None else js.OverSeas(scatter, way)
-            found = js.maximise(loaded, bounds, out, of, way, **limits)
-        print_table([_evaluation(here, of, list(bounds)) for here in found.history])
-        highest = max(found.history, key=lambda here: here[of])
-        best = ", ".join(f"{key} = {highest[key]:.4g}" for key in bounds)
-        typer.echo(f"best: {of} = {found.value:.4g} at {best} ({found.reason})")
-        typer.echo(f"recorded in {out}")
-        write_page(out, report, quiet)
-
-
-def _check_search(loaded: Any, bounds: Mapping[str, Any], of: str, scatter: Any, method: Way) -> None:
-    """**Raises** CaseError, before a run is timed, for a search that its method refuses."""
-    if method is Way.model:
-        checked(loaded, bounds, of, scatter)
-    elif method is Way.ensemble and scatter is None:
-        check_result(loaded.problem(), of)
-
-
-def _runs(found: Any) -> list[tuple[str, float, float]]:
-    """Parameter, its value and the result of every run of an ensemble; empty for other methods."""
-    values, results = (found.members.get(name, ()) for name in (found.parameter, found.of))
-    return [(found.parameter, *pair) for pair in zip(values, results, strict=True)]
-
-
-def _missing_runs(found: Any) -> str:
-    """Text in brackets after a slope: from how many runs it is, and why the others are missing; empty if
-    none is missing."""
-    known = [math.isfinite(value) for value in found.members.get(found.of, ())]
-    if all(known):
-        return ""
-    why = [
-        f"member {k} failed: {found.failures[k].splitlines()[0]}"
-        if k in found.failures
-        else f"member {k} gave no {found.of}"
-        for k, one in enumerate(known)
-        if not one
-    ]
-    return f" ({sum(known)} of {len(known)} runs; {'; '.join(why)})"
-
-
-def _evaluation(here: Mapping[str, float], of: str, keys: Sequence[str]) -> tuple[str, str]:
-    """Texts for one evaluation of a search: parameter values, and the result with its slopes or error."""
-    place = ", ".join(f"{key} = {here[key]:.4g}" for key in keys)
-    if (error := here.get(f"error {of}")) is not None:
-        before = f" (the model promised {here[name]:.4g})" if (name := f"promised {of}") in here else ""
-        return f"{of} at {place}", f"{here[of]:.4g} +- {error:.2g}{before}"
-    slopes = "".join(f", slope {here[f'slope {key}']:.3g} +- {here[f'error {key}']:.2g}" for key in keys)
-    return f"{of} at {place}", f"{here[of]:.4g}{slopes}"
-
-
 def _refuse_equal(loaded: Any, over: Mapping[str, Sequence[float]]) -> None:
     """Checks, before a run is timed, that the members differ. **Raises** CaseError if the lattice rounds two
     lengths to the same value."""
@@ -316,7 +162,7 @@ def _refuse_equal(loaded: Any, over: Mapping[str, Sequence[float]]) -> None:
         check_different([loaded.replace({name: value}) for value in values], [name])
 
 
-def _note(loaded: Any, over: Mapping[str, Sequence[float]]) -> None:
+def note_members(loaded: Any, over: Mapping[str, Sequence[float]]) -> None:
     """Prints the notices of a case, and of the case with each value of the parameters.
 
     **Raises** CaseError before the first run if a value is not allowed.

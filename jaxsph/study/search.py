@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import jax
@@ -48,12 +50,34 @@ Vector = NDArray[np.float64]
 """Logarithms of the parameters."""
 
 
+class Cost(NamedTuple):
+    """Cost of a device, in any unit: a fixed part, and prices of parameters, such as lengths."""
+
+    fixed: float = 0.0
+    prices: Mapping[str, float] = MappingProxyType({})
+    """Price per unit of each parameter, by the parameter's name."""
+
+    def of(self, values: Mapping[str, Any]) -> Any:
+        """Cost with these values of the parameters."""
+        return sum((price * values[name] for name, price in self.prices.items()), self.fixed)
+
+
 class _Aim(NamedTuple):
     """What is maximised, and over which parameters."""
 
     over: Mapping[str, tuple[float, float]]
     of: str
     table: ScatterTable | None
+    cost: Cost | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of what is maximised."""
+        return self.of if self.cost is None else f"{self.of} per cost"
+
+    def worth(self, value: Any, at: Mapping[str, Any]) -> Any:
+        """What is maximised, from the result and the parameters."""
+        return value if self.cost is None else value / self.cost.of(at)
 
 
 def search(
@@ -63,6 +87,7 @@ def search(
     *,
     of: str = "xi",
     table: ScatterTable | None = None,
+    cost: Cost | None = None,
     evaluations: int = 4,
     workers: int | None = None,
     progress: bool = True,
@@ -77,9 +102,10 @@ def search(
 
     **Arguments**: `over`: bounds (lowest, highest) of dampings and lengths that a fast model can change;
     `of`: "xi", or the absorbed power in the case's waves; `table`: scatter table for the mean power over its
-    seas instead; the runs have regular waves with the mean energy and the mean period of the table. The runs
-    have no probes of pressure and velocity. `out`: the file of the devices; models and runs are stored in
-    `<out>.models`, from which a repeated call continues. `workers`: see `sweep`.
+    seas instead; `cost`: the result over this cost is maximised. The runs have regular waves with the mean
+    energy and the mean period of the table, and no probes of pressure and velocity. `out`: the file of the
+    devices; models and runs are stored in `<out>.models`, from which a repeated call continues. `workers`:
+    see `sweep`.
     **Returns** the best device, whose value is the prediction of the model that was fitted to its runs.
     "error RESULT" in the `history` is the standard error of this prediction, and "promised RESULT" is the
     prediction before the device was run.
@@ -89,9 +115,11 @@ def search(
     """
     if evaluations < 1:
         raise CaseError(f"evaluations = {evaluations}: must be 1 or more")
-    aim, case = checked(case, over, of, table)
-    about = {"of": aim.of, "method": "model", "bounds": [[*map(float, pair)] for pair in over.values()]}
+    aim, case = checked(case, over, of, table, cost)
+    about = {"of": aim.name, "method": "model", "bounds": [[*map(float, pair)] for pair in over.values()]}
     periods = None
+    if cost is not None:
+        about["cost"] = {"fixed": float(cost.fixed), **cost.prices}
     if table is not None:
         about["table"] = np.stack([table.Hs, table.Tp, table.share]).tolist()
         used = table.Tp[table.share > 0.0]
@@ -132,16 +160,16 @@ def _improve(
         proposer = _Proposer(aim, model) if proposer is None else proposer
         value, at = proposer.of_device(model)
         error = model.error[model.theory.predictable[aim.of].like] * value
-        history.append({**at, aim.of: value, f"error {aim.of}": error, **promise})
+        history.append({**at, aim.name: value, f"error {aim.name}": error, **promise})
         record.write(history)
-        best = max(one[aim.of] for one in history)
+        best = max(one[aim.name] for one in history)
         here = proposer.best(model)
         promised, _ = proposer.of_device(model.moved(here))
-        promise = {f"promised {aim.of}": promised}
+        promise = {f"promised {aim.name}": promised}
         if promised < (1.0 + GAIN) * best:
             reason = f"the model promises less than {GAIN:.0%} more within the bounds"
             break
-    return Maximum.of_best(case, [*aim.over], aim.of, reason, history)
+    return Maximum.of_best(case, [*aim.over], aim.name, reason, history)
 
 
 class _Proposer:
@@ -157,8 +185,8 @@ class _Proposer:
             theory = dataclasses.replace(model.theory, water=water)
             there = dataclasses.replace(model, theory=theory, added=added)
             if aim.table is not None:
-                return there.annual(aim.table, changes)
-            return there.results(changes)[aim.of]
+                return aim.worth(there.annual(aim.table, changes), changes)
+            return aim.worth(there.results(changes)[aim.of], changes)
 
         self._several = jax.jit(jax.vmap(value, (0, None, None)))
         self._falling = jax.jit(jax.value_and_grad(lambda *given: -jnp.log(value(*given))))
@@ -234,7 +262,11 @@ def runs_of_search(evaluations: int) -> int:
 
 
 def checked(
-    case: Case, over: Mapping[str, tuple[float, float]], of: str, table: ScatterTable | None
+    case: Case,
+    over: Mapping[str, tuple[float, float]],
+    of: str,
+    table: ScatterTable | None,
+    cost: Cost | None = None,
 ) -> tuple[_Aim, Case]:
     """What is maximised, and the case with the waves of the runs. **Raises** CaseError as `search`."""
     check(case, {})
@@ -244,6 +276,8 @@ def checked(
         if name not in keys:
             raise CaseError(f"{name}: a fast model can search in {', '.join(keys)} only")
     check_bounds(case, over)
+    if cost is not None:
+        _check_cost(cost, over)
     if table is not None:
         of, case = kind.power, case.replace(_regular_waves(table))
     if of not in results:
@@ -255,7 +289,18 @@ def checked(
         for value in np.linspace(low, high, BETWEEN):
             case.replace({name: float(value)})
     check(case, members_around(case))
-    return _Aim(over, of, table), case
+    return _Aim(over, of, table, cost), case
+
+
+def _check_cost(cost: Cost, over: Mapping[str, Any]) -> None:
+    """**Raises** CaseError for negative prices, prices of parameters that do not vary, and no cost."""
+    for name, price in {"fixed": cost.fixed, **cost.prices}.items():
+        if not (math.isfinite(price) and price >= 0.0):
+            raise CaseError(f"cost of {name} = {price}: must be a number of at least 0")
+        if name != "fixed" and name not in over:
+            raise CaseError(f"cost of {name}: the search does not vary it; use {', '.join(over)} or fixed")
+    if not any((cost.fixed, *cost.prices.values())):
+        raise CaseError("the cost is zero for every device; give a price above 0")
 
 
 def _regular_waves(table: ScatterTable) -> dict[str, float]:
