@@ -287,7 +287,8 @@ class ISPH(AbstractParticleScheme):
         `at`: state in the middle of the step, on which the projected pressures act.
         """
         p, dt, parts = state.particles, interval.dt, dict(interval.after)
-        work = wall_work(self, model, interval.after, tables, ghosts, dt)
+        # the pressure acts over the whole step, in which the velocities change linearly
+        work = wall_work(self, model, [interval.before, interval.after], tables, ghosts, dt)
         done = push_bodies(model, at.parts, interval.middle, dt, projected.couplings, projected.pressures)
         parts |= done.motions
         for body in model.bodies:

@@ -111,7 +111,7 @@ class SymplecticEuler(AbstractIntegrator):
         sources = scheme.sources(ghosts, ghosts.u).changing("x", columns(middle.x))
         rate = scheme.continuity(middle, sources, rates.grad_rho, tables)
         rho = p.rho + dt * rate
-        work = wall_work(scheme, model, interval.after, tables, ghosts, dt)
+        work = wall_work(scheme, model, [interval.after], tables, ghosts, dt)
         # the bodies move with their velocities after the step, like the water
         moved = model.mechanism.drifted(bodies.motions, interval.t, dt)
         dx = dt * u
@@ -155,7 +155,7 @@ class PredictorCorrector(AbstractIntegrator):
         moved = mechanism.drifted(bodies.motions, t + 0.5 * dt, 0.5 * dt)
         sources = scheme.sources(ghosts, ghosts.u)
         rate = scheme.continuity(p, sources, rates.grad_rho, tables)
-        work = wall_work(scheme, model, at.parts, tables, ghosts, dt)
+        work = wall_work(scheme, model, [at.parts], tables, ghosts, dt)
         new = eqx.tree_at(lambda a: (a.u, a.rho), p0, (u, p0.rho + dt * rate))
         # positions move with the velocity of `at`: in the full step this is the midpoint rule
         dx = dt * p.u

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -170,15 +170,15 @@ def exchanged(
 def wall_work(
     scheme: AbstractScheme,
     model: Model,
-    parts: Mapping[str, Any],
+    parts: Sequence[Mapping[str, Any]],
     tables: Tables,
     ghosts: GhostFields,
     dt: Scalar,
 ) -> dict[str, Scalar]:
     """Work of every moving wall on the water in a step of dt (s), by the wall's name, J (J/m in 2-D).
 
-    The work is minus dt times the water's force on the wall times the wall's velocity, which follows
-    from `parts`.
+    The work is minus dt times the water's force on the wall times the wall's velocity, the mean of its
+    velocities in the given states of the parts.
     """
     work = {}
     for wall in model.moving:
@@ -186,6 +186,7 @@ def wall_work(
         targets = {"x": columns(ghosts.x[rows]), "p": ghosts.p[rows]}
         table = tables.around[wall.name]
         force = table.sum(laws.pressure_force, scheme.smoothing, targets, ghosts.water)
-        velocity = columns(wall.velocity(parts[wall.name], ghosts.x[rows]))
-        work[wall.name] = -dt * jnp.sum(dot(velocity, force) * ghosts.V[rows])
+        velocities = [wall.velocity(one[wall.name], ghosts.x[rows]) for one in parts]
+        velocity = sum(velocities, jnp.zeros_like(ghosts.x[rows])) / len(parts)
+        work[wall.name] = -dt * jnp.sum(dot(columns(velocity), force) * ghosts.V[rows])
     return work
