@@ -111,11 +111,11 @@ class BodyTheory(AbstractFastTheory):
 
     def _coordinates(self) -> list[str]:
         """Names of the free coordinates, with spaces."""
-        ways = np.eye(len(self.small.bodies.mass))
-        named = [
-            next(name for name, way in self.small.swings.items() if np.allclose(way, one)) for one in ways
-        ]
-        return [name.replace("_", " ") for name in named]
+        found = []
+        for k, one in enumerate(np.eye(len(self.small.bodies.mass))):
+            same = (name for name, way in self.small.swings.items() if np.allclose(way, one))
+            found.append(next(same, f"free motion {k + 1}").replace("_", " "))
+        return found
 
     def found(self, added, error):
         """See `AbstractFastTheory`."""
