@@ -122,7 +122,7 @@ _ROOMS = {
     "study.matrix": ("PowerMatrix", "ScatterTable", "power_matrix"),
     "study.optimise": ("Maximum", "maximise"),
     "study.over_seas": ("OverSeas",),
-    "study.search": ("Cost", "search"),
+    "study.search": ("PerCost", "search"),
     "study.spacing_error": ("WithError", "errors_of_members", "members_at", "with_error"),
     "study.sweep": ("Sweep", "read_sweep", "sweep"),
     "study.tangents": ("Exact", "Filtered"),

@@ -96,8 +96,8 @@ def test_a_search_of_the_damping_alone_needs_one_device(tmp_path, monkeypatch):
 def test_a_search_maximises_the_result_over_the_cost(tmp_path, monkeypatch, price):
     calibrate, asked = _calibrated(lambda length: 1.8)
     monkeypatch.setattr(searching, "calibrate", calibrate)
-    cost = js.Cost(1.0, {"device.chamber_length": price})
-    found = js.search(CASE, BOTH, tmp_path / "s.h5", cost=cost, progress=False)
+    aim = js.PerCost("xi", 1.0, {"device.chamber_length": price})
+    found = js.search(CASE, BOTH, tmp_path / "s.h5", of=aim, progress=False)
     assert found.of == "xi per cost" and found.value == max(one["xi per cost"] for one in found.history)
     lengths = np.array([case.value("device.chamber_length") for case, _ in asked])
     # without a price the longer chamber is better, with this one the shortest within the bounds
@@ -168,14 +168,19 @@ def test_a_search_over_seas_maximises_the_mean_power(tmp_path, monkeypatch):
         (CASE, {"pto.K_dm": (600.0, 900.0)}, {}, r"bounds must be positive, ascending and contain"),
         (CASE, BOTH, {"of": "energy_pto"}, r"of = 'energy_pto': a fast model predicts xi and P_owc only"),
         (CASE, BOTH, {"evaluations": 0}, r"evaluations = 0: must be 1 or more"),
-        (CASE, BOTH, {"cost": js.Cost(-1.0)}, r"cost of fixed = -1\.0: must be a number of at least 0"),
         (
             CASE,
             BOTH,
-            {"cost": js.Cost(1.0, {"dx": 2.0})},
+            {"of": js.PerCost("xi", -1.0)},
+            r"cost of fixed = -1\.0: must be a number of at least 0",
+        ),
+        (
+            CASE,
+            BOTH,
+            {"of": js.PerCost("xi", 1.0, {"dx": 2.0})},
             r"cost of dx: the search does not vary it; use pto",
         ),
-        (CASE, BOTH, {"cost": js.Cost()}, r"the cost is zero for every device; give a price above 0"),
+        (CASE, BOTH, {"of": js.PerCost()}, r"the cost is zero for every device; give a price above 0"),
         (CASE, {"device.draught": (0.1, 0.41)}, {}, r"draught"),
         (js.load_case("wave_tank"), {"pto.K_dm": (1.0, 2.0)}, {}, r"a fast model needs a device with a turb"),
         (js.load_case("flap_2d"), {"pto.K_dm": (1.0, 2.0)}, {}, r"can search in body\.pto\.damping only"),

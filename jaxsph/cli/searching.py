@@ -27,7 +27,18 @@ from jaxsph.cli.studies import announce, note_members
 from jaxsph.cli.terminal import INTERRUPTED, messages, print_table, write_page
 from jaxsph.errors import CaseError
 from jaxsph.study.base import check_result
-from jaxsph.study.search import Cost, checked, runs_of_search
+from jaxsph.study.search import PerCost, checked, runs_of_search
+
+Costs = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--cost",
+        metavar="KEY=PRICE",
+        help="Price per unit of a parameter, or fixed=PRICE, for --method model: maximises the result "
+        "over the cost. Repeatable.",
+    ),
+]
+"""Option for the cost of a device in a search."""
 
 
 def slope(  # its arguments are the options of the command
@@ -100,15 +111,7 @@ def optimise(  # its arguments are the options of the command
         Path | None,
         typer.Option(metavar="CSV", help="Scatter table of Hs, Tp and share or hours, for the annual power."),
     ] = None,
-    cost: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--cost",
-            metavar="KEY=PRICE",
-            help="Price per unit of a parameter, or fixed=PRICE, for --method model: maximises the result "
-            "over the cost. Repeatable.",
-        ),
-    ] = None,
+    cost: Costs = None,
     settings: Settings = None,
     quick: Quick = False,
     t1: EndTime = None,
@@ -127,34 +130,38 @@ def optimise(  # its arguments are the options of the command
         out = out if out is not None else Path("runs") / f"{loaded.name}_optimum.h5"
         bounds = each_once((bounds_of(text) for text in over), "--over")
         scatter = None if table is None else js.ScatterTable.read(table)
-        of = of if scatter is None or method is Way.model else "P_owc"
-        prices = _prices(cost, method)
+        aim = _aim("P_owc" if scatter and method is not Way.model else of, cost, method)
         if not quiet:
             note_members(loaded, bounds)
-            _check_search(loaded, bounds, of, scatter, prices, method)
+            _check_search(loaded, bounds, aim, scatter, method)
             runs = {Way.ensemble: evaluations * members, Way.model: runs_of_search(evaluations)}
             if method in runs:
                 announce(loaded, out, runs[method], None, None, "at most ")
         limits = {"evaluations": evaluations, "progress": not quiet}
         if method is Way.model:
-            found = js.search(loaded, bounds, out, of=of, table=scatter, cost=prices, **limits)
+            found = js.search(loaded, bounds, out, of=aim, table=scatter, **limits)
         else:
             way = method.of(spread, members)
             way = way if scatter is None else js.OverSeas(scatter, way)
-            found = js.maximise(loaded, bounds, out, of, way, **limits)
-        print_table([_evaluation(here, found.of, list(bounds)) for here in found.history])
-        highest = max(found.history, key=lambda here: here[found.of])
-        best = ", ".join(f"{key} = {highest[key]:.4g}" for key in bounds)
-        typer.echo(f"best: {found.of} = {found.value:.4g} at {best} ({found.reason})")
+            found = js.maximise(loaded, bounds, out, str(aim), way, **limits)
+        _print_search(found, list(bounds))
         typer.echo(f"recorded in {out}")
         write_page(out, report, quiet)
 
 
-def _prices(cost: Sequence[str] | None, method: Way) -> Cost | None:
-    """Cost of a device from the options. **Raises** CaseError for prices that are not single numbers, and for
-    a method other than that of a model."""
+def _print_search(found: Any, keys: Sequence[str]) -> None:
+    """Prints the evaluations of a search, and the best."""
+    print_table([_evaluation(here, found.of, keys) for here in found.history])
+    highest = max(found.history, key=lambda here: here[found.of])
+    best = ", ".join(f"{key} = {highest[key]:.4g}" for key in keys)
+    typer.echo(f"best: {found.of} = {found.value:.4g} at {best} ({found.reason})")
+
+
+def _aim(of: str, cost: Sequence[str] | None, method: Way) -> str | PerCost:
+    """What a search maximises, from the options. **Raises** CaseError for prices that are not single numbers,
+    and for a method other than that of a model."""
     if not cost:
-        return None
+        return of
     if method is not Way.model:
         raise CaseError(f"--cost needs --method model, not {method.value}")
     given = each_once((values_of(text, "--cost") for text in cost), "--cost")
@@ -162,17 +169,17 @@ def _prices(cost: Sequence[str] | None, method: Way) -> Cost | None:
         if len(values) != 1:
             raise CaseError(f"--cost {key}: give one price, not {len(values)}")
     prices = {key: float(value) for key, (value,) in given.items()}
-    return Cost(prices.pop("fixed", 0.0), prices)
+    return PerCost(of, prices.pop("fixed", 0.0), prices)
 
 
 def _check_search(
-    loaded: Any, bounds: Mapping[str, Any], of: str, scatter: Any, cost: Cost | None, method: Way
+    loaded: Any, bounds: Mapping[str, Any], of: str | PerCost, scatter: Any, method: Way
 ) -> None:
     """**Raises** CaseError, before a run is timed, for a search that its method refuses."""
     if method is Way.model:
-        checked(loaded, bounds, of, scatter, cost)
+        checked(loaded, bounds, of, scatter)
     elif method is Way.ensemble and scatter is None:
-        check_result(loaded.problem(), of)
+        check_result(loaded.problem(), str(of))
 
 
 def _runs(found: Any) -> list[tuple[str, float, float]]:

@@ -50,14 +50,16 @@ Vector = NDArray[np.float64]
 """Logarithms of the parameters."""
 
 
-class Cost(NamedTuple):
-    """Cost of a device, in any unit: a fixed part, and prices of parameters, such as lengths."""
+class PerCost(NamedTuple):
+    """A result over the cost of the device, in any unit: a fixed part, and prices of parameters."""
 
+    of: str = "xi"
+    """Result that is divided by the cost."""
     fixed: float = 0.0
     prices: Mapping[str, float] = MappingProxyType({})
     """Price per unit of each parameter, by the parameter's name."""
 
-    def of(self, values: Mapping[str, Any]) -> Any:
+    def cost(self, values: Mapping[str, Any]) -> Any:
         """Cost with these values of the parameters."""
         return sum((price * values[name] for name, price in self.prices.items()), self.fixed)
 
@@ -68,7 +70,7 @@ class _Aim(NamedTuple):
     over: Mapping[str, tuple[float, float]]
     of: str
     table: ScatterTable | None
-    cost: Cost | None = None
+    cost: PerCost | None = None
 
     @property
     def name(self) -> str:
@@ -77,7 +79,7 @@ class _Aim(NamedTuple):
 
     def worth(self, value: Any, at: Mapping[str, Any]) -> Any:
         """What is maximised, from the result and the parameters."""
-        return value if self.cost is None else value / self.cost.of(at)
+        return value if self.cost is None else value / self.cost.cost(at)
 
 
 def search(
@@ -85,9 +87,8 @@ def search(
     over: Mapping[str, tuple[float, float]],
     out: str | Path,
     *,
-    of: str = "xi",
+    of: str | PerCost = "xi",
     table: ScatterTable | None = None,
-    cost: Cost | None = None,
     evaluations: int = 4,
     workers: int | None = None,
     progress: bool = True,
@@ -102,10 +103,10 @@ def search(
 
     **Arguments**: `over`: bounds (lowest, highest) of dampings and lengths that a fast model can change;
     `of`: "xi", or the absorbed power in the case's waves; `table`: scatter table for the mean power over its
-    seas instead; `cost`: the result over this cost is maximised. The runs have regular waves with the mean
-    energy and the mean period of the table, and no probes of pressure and velocity. `out`: the file of the
-    devices; models and runs are stored in `<out>.models`, from which a repeated call continues. `workers`:
-    see `sweep`.
+    seas instead. `PerCost` as `of` maximises such a result over the cost of the device. The runs have regular
+    waves with the mean energy and the mean period of the table, and no probes of pressure and velocity.
+    `out`: the file of the devices; models and runs are stored in `<out>.models`, from which a repeated call
+    continues. `workers`: see `sweep`.
     **Returns** the best device, whose value is the prediction of the model that was fitted to its runs.
     "error RESULT" in the `history` is the standard error of this prediction, and "promised RESULT" is the
     prediction before the device was run.
@@ -115,11 +116,11 @@ def search(
     """
     if evaluations < 1:
         raise CaseError(f"evaluations = {evaluations}: must be 1 or more")
-    aim, case = checked(case, over, of, table, cost)
+    aim, case = checked(case, over, of, table)
     about = {"of": aim.name, "method": "model", "bounds": [[*map(float, pair)] for pair in over.values()]}
     periods = None
-    if cost is not None:
-        about["cost"] = {"fixed": float(cost.fixed), **cost.prices}
+    if aim.cost is not None:
+        about["cost"] = {"fixed": float(aim.cost.fixed), **aim.cost.prices}
     if table is not None:
         about["table"] = np.stack([table.Hs, table.Tp, table.share]).tolist()
         used = table.Tp[table.share > 0.0]
@@ -264,9 +265,8 @@ def runs_of_search(evaluations: int) -> int:
 def checked(
     case: Case,
     over: Mapping[str, tuple[float, float]],
-    of: str,
+    of: str | PerCost,
     table: ScatterTable | None,
-    cost: Cost | None = None,
 ) -> tuple[_Aim, Case]:
     """What is maximised, and the case with the waves of the runs. **Raises** CaseError as `search`."""
     check(case, {})
@@ -276,8 +276,10 @@ def checked(
         if name not in keys:
             raise CaseError(f"{name}: a fast model can search in {', '.join(keys)} only")
     check_bounds(case, over)
-    if cost is not None:
-        _check_cost(cost, over)
+    cost = of if isinstance(of, PerCost) else None
+    if isinstance(of, PerCost):
+        _check_cost(of, over)
+        of = of.of
     if table is not None:
         of, case = kind.power, case.replace(_regular_waves(table))
     if of not in results:
@@ -292,7 +294,7 @@ def checked(
     return _Aim(over, of, table, cost), case
 
 
-def _check_cost(cost: Cost, over: Mapping[str, Any]) -> None:
+def _check_cost(cost: PerCost, over: Mapping[str, Any]) -> None:
     """**Raises** CaseError for negative prices, prices of parameters that do not vary, and no cost."""
     for name, price in {"fixed": cost.fixed, **cost.prices}.items():
         if not (math.isfinite(price) and price >= 0.0):
