@@ -193,7 +193,7 @@ WIDE = {
     "cli.coefficients.coefficients": "an argument for each option of the command",
     "cli.running.resume": "an argument for each option of the command",
     "cli.running.run": "an argument for each option of the command",
-    "cli.studies.matrix": "an argument for each option of the command",
+    "cli.matrix.matrix": "an argument for each option of the command",
     "cli.searching.optimise": "an argument for each option of the command",
     "cli.searching.slope": "an argument for each option of the command",
     "cli.studies.sweep": "an argument for each option of the command",

@@ -1,5 +1,6 @@
 """Power matrices, scatter tables, and linear theory in irregular seas."""
 
+import functools
 import re
 
 import numpy as np
@@ -13,6 +14,7 @@ from jaxsph.output.plot.matrix import draw_matrix
 from jaxsph.output.sweep_file import Meanings, SweepFile
 from jaxsph.report.pack import Pack
 from jaxsph.report.sweeps import sweep_content
+from jaxsph.study.fast_model import FastModel
 from jaxsph.study.matrix import matrix_of, of_the_sea
 from jaxsph.waves import second_order, spectra
 from jaxsph.waves.linear_owc import linear_response
@@ -141,6 +143,92 @@ def test_a_year_is_the_weighted_mean_with_its_error(tmp_path):
     assert year.value == pytest.approx(POWERS[:, :2].mean()) and year.error == pytest.approx(0.25)
 
 
+@functools.cache
+def a_model():
+    """Linear theory of the device, as a fast model."""
+    return FastModel.of_theory(js.load_case("owc"), (1.2, 1.6))
+
+
+def of_model(Hs, Tp):
+    """Its mean power in a sea, W/m."""
+    return float(a_model().results({"waves.Hs": Hs, "waves.Tp": Tp})["P_owc"])
+
+
+def like_the_model(tilt):
+    """Powers in the runs of `a_sweep`: 0.9 times those of the model, and more by `tilt` in higher waves."""
+    cells = [[of_model(Hs, Tp) for Tp in (1.2, 1.4, 1.6)] for Hs in (0.02, 0.04)]
+    return 0.9 * np.stack(2 * [np.array(cells)], axis=2) * np.array([1.0, 1.0 + tilt])[:, None, None]
+
+
+BETWEEN = js.ScatterTable(np.array([0.03, 0.033, 0.05]), np.array([1.3, 1.5, 1.2]), np.array([0.5, 0.3, 0.2]))
+"""Seas that differ from those of the runs; one is higher than all of them."""
+
+
+def test_a_model_gives_the_power_between_and_beyond_the_runs():
+    """Powers in a fixed ratio to a model have this ratio in every sea; interpolated linearly they are too
+    large, since they grow more than in proportion to the height."""
+    found = matrix_of(a_sweep(like_the_model(0.0))).annual(BETWEEN, a_model())
+    assert found.value == pytest.approx(0.9 * float(a_model().annual(BETWEEN)), rel=1e-5)
+    assert found.between == pytest.approx(0.0, abs=1e-5) and np.isnan(found.spacing)
+    # the seeds agree, and each run has an error of 5 % of 2 W/m
+    assert found.error == pytest.approx(found.waves) and 0.0 < found.waves < 0.1
+    inner = js.ScatterTable(np.array([0.03]), np.array([1.4]), np.array([1.0]))
+    rough = matrix_of(a_sweep(like_the_model(0.0))).annual(inner)
+    assert rough.value > 1.05 * 0.9 * of_model(0.03, 1.4) and np.isnan(rough.between)
+
+
+def test_ratios_that_differ_are_an_error_of_seas_without_runs():
+    matrix = matrix_of(a_sweep(like_the_model(0.1)))
+    found = matrix.annual(BETWEEN, a_model())
+    # three ratios are 0.9, and three are 0.99
+    scatter = np.std(3 * [0.9] + 3 * [0.99], ddof=1) / 0.945
+    assert found.between == pytest.approx(scatter * found.value, rel=1e-4)
+    runs = js.ScatterTable(np.array([0.02, 0.04]), np.array([1.2, 1.6]), np.array([0.4, 0.6]))
+    exact, modelled = matrix.annual(runs), matrix.annual(runs, a_model())
+    assert modelled.value == pytest.approx(exact.value, rel=1e-6)
+    assert modelled.waves == pytest.approx(exact.waves, rel=1e-6) and modelled.between == exact.between == 0.0
+    half = js.ScatterTable(np.array([0.04, 0.04]), np.array([1.2, 1.3]), np.array([1.0, 1e-9]))
+    assert matrix.annual(half, a_model()).between == pytest.approx(0.0, abs=1e-8)
+
+
+def test_one_run_has_the_error_of_the_model(monkeypatch):
+    monkeypatch.setattr(FastModel, "error", {"xi": 0.03})
+    axes = {"waves.Hs": np.array([0.03]), "waves.Tp": np.array([1.3]), "waves.seed": np.arange(1)}
+    results = {"P_owc": np.full((1, 1, 1), 0.2), "P_inc": np.ones((1, 1, 1))}
+    found = matrix_of(js.Sweep(CASE, axes, results, {}, {})).annual(BETWEEN, a_model())
+    part = 1.0 - 0.5 * of_model(0.03, 1.3) / float(a_model().annual(BETWEEN))
+    assert found.between == pytest.approx(0.03 * part * found.value, rel=1e-5)
+
+
+def test_seas_and_devices_beyond_a_model_are_refused():
+    matrix = matrix_of(a_sweep(POWERS))
+    far = js.ScatterTable(np.array([0.03]), np.array([2.4]), np.array([1.0]))
+    with pytest.raises(js.CaseError, match=r"no power at Hs = 0\.03 m, Tp = 2\.4 s, which is outside"):
+        matrix.annual(far, a_model())
+    with pytest.raises(js.CaseError, match="that of another kind of device"):
+        matrix.annual(far, FastModel.of_theory(js.load_case("buoy_heave")))
+
+
+def test_the_error_of_the_spacing_is_that_of_the_members_which_have_limits():
+    """Limits that are 3 % smaller, with an error of 4 %: together 5 %."""
+    done = a_sweep(like_the_model(0.0))
+    for name, share in (("limit P_owc", 0.97), ("limit error P_owc", 0.04)):
+        done.results[name] = np.full(POWERS.shape, np.nan)
+        done.results[name][1, 1, 0] = share * done.results["P_owc"][1, 1, 0]
+    found = matrix_of(done).annual(BETWEEN, a_model())
+    assert found.spacing == pytest.approx(0.05 * found.value)
+    assert found.error == pytest.approx(np.hypot(np.hypot(found.waves, found.between), found.spacing))
+
+
+def test_a_table_of_a_site_becomes_one_of_the_model(tmp_path):
+    (tmp_path / "site.csv").write_text("Hs,Tp,hours\n1.6,8.4,600\n0.8,7.2,400\n")
+    site = js.ScatterTable.read(tmp_path / "site.csv")
+    model = site.at_scale(40.0)
+    np.testing.assert_allclose(model.Hs, [0.04, 0.02])
+    np.testing.assert_allclose(model.Tp * np.sqrt(40.0), site.Tp)
+    assert model.period == ("1,000 h of the table", 1000.0) and np.all(model.share == site.share)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -234,10 +322,48 @@ def test_the_command_makes_a_matrix_and_goes_on(tmp_path, monkeypatch):
     )
     assert "Hs = 0.04 m, Tp = 1.6 s" in done.output and "linear theory" in done.output
     assert re.search(r"mean over the year +0.5 \+- 0.5 W/m", done.output)
+    assert re.search(r"error due to the random seas +0.5 W/m", done.output)
+    assert re.search(r"energy in 8,766 h +0.00438 \+- 0.004 MWh/m", done.output)
     assert (tmp_path / "m_plots" / "matrix.png").exists()
     answer = sweep_content(SweepFile(tmp_path / "m.h5"), Pack())["answer"]
     assert answer["label"] == "mean power over the year" and answer["value"] == "0.5 ± 0.5"
     assert (tmp_path / "m.html").exists()
+
+
+def test_the_command_takes_a_table_of_a_site_and_a_model(tmp_path, monkeypatch):
+    """At a quarter of the lengths the sea lies between those of the runs."""
+
+    def power_matrix(case, Hs, Tp, out, **options):
+        done = a_sweep(like_the_model(0.1))
+        SweepFile(out).write(case.to_toml(), done.axes, POWERS.shape, {}, Meanings())
+        return matrix_of(done)
+
+    monkeypatch.setattr(js, "power_matrix", power_matrix, raising=False)
+    case, site, model = (tmp_path / name for name in ("sea.toml", "site.csv", "model.json"))
+    case.write_text(CASE.to_toml())
+    site.write_text("Hs,Tp,share\n0.12,2.6,1\n")
+    a_model().write(model)
+    call = ["matrix", str(case), "--hs", "0.02,0.04", "--tp", "1.2:1.6:3", "--seeds", "2", "--quiet"]
+    call += ["--out", str(tmp_path / "m.h5"), "--no-report"]
+    at_site = ["--table", str(site), "--scale", "4"]
+    done = CliRunner().invoke(app, [*call, *at_site, "--model", str(model)])
+    assert done.exit_code == 0, done.output
+    one = js.ScatterTable(np.array([0.03]), np.array([1.3]), np.array([1.0]))
+    year = matrix_of(a_sweep(like_the_model(0.1))).annual(one, a_model())
+    for label, text in (
+        ("mean over the year", f"{year.value:.3g}"),
+        ("error in sea states without runs", f"{year.between:.1g}"),
+        ("the same at 4 times the lengths", f"{32.0 * year.value:.3g}"),
+        ("energy in 8,766 h", f"{32.0 * 8766e-6 * year.value:.3g}"),
+    ):
+        assert re.search(rf"{label} +{text} ", done.output), f"{label}: {text}"
+    for options, words in (
+        (["--model", str(model)], "needs --table, as the model is for sea states without runs"),
+        (["--scale", "4"], "--scale 4: needs --table"),
+        ([*at_site, "--scale", "-1"], "scale = -1"),
+    ):
+        done = CliRunner().invoke(app, [*call, *options])
+        assert done.exit_code == 2 and words in done.output, done.output
 
 
 def test_second_order_wavenumbers_are_the_theory_s():

@@ -9,7 +9,7 @@ from conftest import coarse
 import jaxsph as js
 from jaxsph.errors import CaseError
 from jaxsph.study.base import AbstractMethod
-from jaxsph.study.matrix import ScatterTable
+from jaxsph.study.scatter import ScatterTable
 
 TABLE = ScatterTable(np.array([0.03, 0.04, 0.05]), np.array([1.3, 1.4, 1.4]), np.array([0.25, 0.75, 0.0]))
 

@@ -19,7 +19,8 @@ from jaxsph.output.hdf5 import Variable
 from jaxsph.output.run_file import RunFile
 from jaxsph.output.sweep_file import Meanings, SweepFile
 from jaxsph.study import members
-from jaxsph.study.matrix import ScatterTable, matrix_of
+from jaxsph.study.matrix import matrix_of
+from jaxsph.study.scatter import ScatterTable
 
 STILL = js.load_case("hydrostatic").replace({"dx": 0.25, "t1": 0.1, "probes": {"gauges": [0.5]}})
 OWC = js.load_case("owc")

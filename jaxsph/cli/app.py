@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from jaxsph.cli import calibration, cases, coefficients, running, searching, showing, studies
+from jaxsph.cli import calibration, cases, coefficients, matrix, running, searching, showing, studies
 from jaxsph.output.hdf5 import version as installed_version
 
 app = typer.Typer(
@@ -38,7 +38,7 @@ def options(
 _COMMANDS = {
     "run": running.run,
     "sweep": studies.sweep,
-    "matrix": studies.matrix,
+    "matrix": matrix.matrix,
     "coefficients": coefficients.coefficients,
     "calibrate": calibration.calibrate,
     "predict": calibration.predict,

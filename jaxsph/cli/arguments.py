@@ -114,6 +114,12 @@ Workers = Annotated[int | None, typer.Option(help="Number of runs at a time; def
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 
 
+Scale = Annotated[
+    float,
+    typer.Option(help="Lengths at the site of --table over those of the case (Froude's law), e.g. 40."),
+]
+
+
 class Way(enum.StrEnum):
     """Command-line name of a method for a slope (the derivative of a result); see `jaxsph.study`."""
 
@@ -122,12 +128,15 @@ class Way(enum.StrEnum):
     exact = enum.auto()
     model = enum.auto()
 
-    def of(self, spread: float, members: int, out: Path | None = None) -> Any:
-        """Method of `jaxsph.study` with this name; only an ensemble uses the arguments.
+    def of(self, spread: float, members: int, out: Path | None = None, model: Path | None = None) -> Any:
+        """Method of `jaxsph.study` with this name; only those with several runs use the arguments.
 
-        **Raises** CaseError for `model`, which is a method of a search, but not of a slope.
+        **Raises** CaseError for the file of a `model` with another method.
         """
         import jaxsph as js
+
+        if model is not None and self is not Way.model:
+            raise CaseError(f"--model {model}: needs --method model, not {self.value}")
 
         match self:
             case Way.ensemble:
@@ -137,18 +146,15 @@ class Way(enum.StrEnum):
             case Way.exact:
                 return js.Exact()
             case Way.model:
-                raise CaseError(
-                    "--method model: a fast model proposes parameters in a search (jaxsph optimise); for a "
-                    "slope use ensemble, filtered or exact"
-                )
+                return js.Calibrated(js.Ensemble(spread, members, out), model)
 
 
 Method = Annotated[
     Way,
     typer.Option(
         help="ensemble: many runs, gives a standard error; filtered: one run, gives a biased slope; "
-        "exact: one run, useful only if t1 is a fraction of a second; model: of jaxsph optimise only, a fast "
-        "model of an oscillating water column that a few runs correct."
+        "exact: one run, useful only if t1 is a fraction of a second; model: runs and a fast model of the "
+        "device, for parameters and results that such a model has."
     ),
 ]
 
@@ -272,6 +278,23 @@ def bounds_of(text: str) -> tuple[str, tuple[float, float]]:
     except ValueError:
         raise CaseError(f"--over {text!r}: must be KEY=LOW:HIGH, such as --over pto.K_dm=100:2500") from None
     return key, (low, high)
+
+
+def table_of(path: Path | None, scale: float) -> Any:
+    """Scatter table from its file, at the scale of the case; None without a file.
+
+    `scale`: lengths at the site of the table over those of the case. **Raises** CaseError for a scale that is
+    not positive, or one without a table.
+    """
+    from jaxsph.report.froude import check_scale
+    from jaxsph.study.scatter import ScatterTable
+
+    check_scale(scale)
+    if path is not None:
+        return ScatterTable.read(path).at_scale(scale)
+    if scale != 1.0:
+        raise CaseError(f"--scale {scale:g}: needs --table, which is that of a site of this scale")
+    return None
 
 
 def match_precision(precision: str | None) -> None:

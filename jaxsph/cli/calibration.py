@@ -14,13 +14,15 @@ from jaxsph.cli.arguments import (
     EndTime,
     Quick,
     Quiet,
+    Scale,
     Settings,
     Workers,
     each_once,
     load,
+    table_of,
     values_of,
 )
-from jaxsph.cli.studies import announce
+from jaxsph.cli.studies import Scheduler, announce, cluster
 from jaxsph.cli.terminal import INTERRUPTED, messages, print_notes, print_table
 from jaxsph.errors import CaseError, FileError
 
@@ -48,13 +50,14 @@ def calibrate(
     ] = None,
     t1: EndTime = None,
     workers: Workers = None,
+    scheduler: Scheduler = None,
     quiet: Quiet = False,
 ) -> None:
     """Fit a fast model of an oscillating water column or of bodies to a few runs; repeated, continue."""
     import jaxsph as js
     from jaxsph.study.fast_model import check, members_around, runs_of
 
-    with messages(INTERRUPTED):
+    with messages(INTERRUPTED), cluster(scheduler) as executor:
         loaded = load(case, settings, quick, t1)
         over = each_once((values_of(text, "--runs") for text in runs or ()), "--runs")
         over = over or members_around(loaded)
@@ -62,8 +65,8 @@ def calibrate(
         out = out if out is not None else Path("runs") / f"{loaded.name}_model.json"
         out.parent.mkdir(parents=True, exist_ok=True)
         if not quiet:
-            announce(loaded, runs_of(out), len(next(iter(over.values()))), workers, None)
-        model = js.calibrate(loaded, out, over=over, workers=workers, progress=not quiet)
+            announce(loaded, runs_of(out), len(next(iter(over.values()))), workers, scheduler)
+        model = js.calibrate(loaded, out, over=over, workers=workers, executor=executor, progress=not quiet)
         if not quiet:
             print_table(_summary(model))
         typer.echo(f"recorded in {out}")
@@ -105,6 +108,7 @@ def predict(
             help="Scatter table of Hs, Tp and share or hours: predict the mean power over its seas.",
         ),
     ] = None,
+    scale: Scale = 1.0,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="FILE", help="CSV file for all predictions.")
     ] = None,
@@ -119,7 +123,6 @@ def predict(
     import numpy as np
 
     from jaxsph.study.fast_model import FastModel
-    from jaxsph.study.matrix import ScatterTable
 
     with messages(INTERRUPTED):
         fast = FastModel.read(model)
@@ -131,7 +134,7 @@ def predict(
             key: jnp.asarray(values, float)
             for key, values in zip(over, zip(*members, strict=True), strict=True)
         }
-        scatter = None if table is None else ScatterTable.read(table)
+        scatter = table_of(table, scale)
         every = jax.jit(jax.vmap(lambda here: _answers(fast, scatter, here), axis_size=len(members)))
         found = every(changes)
         # in the order of the model, which JAX sorts

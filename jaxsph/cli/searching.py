@@ -16,11 +16,13 @@ from jaxsph.cli.arguments import (
     Page,
     Quick,
     Quiet,
+    Scale,
     Settings,
     Way,
     bounds_of,
     each_once,
     load,
+    table_of,
     values_of,
 )
 from jaxsph.cli.studies import announce, note_members
@@ -53,11 +55,21 @@ def slope(  # its arguments are the options of the command
     method: Method = Way.ensemble,
     members: Annotated[
         int,
-        typer.Option(help="Number of runs around the case's value; the slope is that of a fitted parabola."),
+        typer.Option(
+            help="Number of runs around the case's value; a parabola is fitted to them, or with "
+            "--method model a line to their differences from the model."
+        ),
     ] = 9,
     spread: Annotated[
         float, typer.Option(help="Largest change of the parameter to either side, as a share of its value.")
     ] = 0.3,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Fast model (jaxsph calibrate) for --method model; by default five more runs calibrate one.",
+        ),
+    ] = None,
     settings: Settings = None,
     quick: Quick = False,
     t1: EndTime = None,
@@ -70,22 +82,24 @@ def slope(  # its arguments are the options of the command
     """Compute the slope of a result with respect to one parameter of the case, with its error."""
     import jaxsph as js
 
-    with messages(INTERRUPTED if method is Way.ensemble else "interrupted"):
+    several = method in (Way.ensemble, Way.model)
+    with messages(INTERRUPTED if several else "interrupted"):
         loaded = load(case, settings, quick, t1)
         out = out if out is not None else Path("runs") / f"{loaded.name}_{over}.h5"
         if not quiet:
             note_members(loaded, {})
-        found = js.derivative(loaded, over, of, method.of(spread, members, out), progress=not quiet)
+        found = js.derivative(loaded, over, of, method.of(spread, members, out, model), progress=not quiet)
         error = "" if found.error is None else f" +- {found.error:.2g}"
         print_table(
             [
                 *((f"{of} at {key} = {value:.4g}", f"{there:.4g}") for key, value, there in _runs(found)),
+                ("method", method.value),
                 (of, f"{found.value:.4g}"),
                 (f"d {of} / d {over}", f"{found.slope:.4g}{error}{_missing_runs(found)}"),
                 ("valid for changes up to", f"{found.reach:.3g}"),
             ]
         )
-        if method is Way.ensemble:
+        if several:
             typer.echo(f"recorded in {out}")
 
 
@@ -111,6 +125,7 @@ def optimise(  # its arguments are the options of the command
         Path | None,
         typer.Option(metavar="CSV", help="Scatter table of Hs, Tp and share or hours, for the annual power."),
     ] = None,
+    scale: Scale = 1.0,
     cost: Costs = None,
     settings: Settings = None,
     quick: Quick = False,
@@ -129,7 +144,7 @@ def optimise(  # its arguments are the options of the command
         loaded = load(case, settings, quick, t1)
         out = out if out is not None else Path("runs") / f"{loaded.name}_optimum.h5"
         bounds = each_once((bounds_of(text) for text in over), "--over")
-        scatter = None if table is None else js.ScatterTable.read(table)
+        scatter = table_of(table, scale)
         aim = _aim("P_owc" if scatter and method is not Way.model else of, cost, method)
         if not quiet:
             note_members(loaded, bounds)

@@ -1,4 +1,4 @@
-"""Commands that run a case many times: `jaxsph sweep` and `matrix`."""
+"""Command that runs a case many times, `jaxsph sweep`, and what such commands share."""
 
 from __future__ import annotations
 
@@ -26,12 +26,17 @@ from jaxsph.cli.arguments import (
 from jaxsph.cli.spacing import ErrorAt, chosen_members, print_errors
 from jaxsph.cli.terminal import INTERRUPTED, messages, print_notes, print_table, write_page
 from jaxsph.errors import CaseError
-from jaxsph.output.sweep_file import SweepFile
 from jaxsph.report.doubts import doubts_of_members
 from jaxsph.report.labels import label_of
 
 CLUSTER_TIMEOUT = 10
 """Time limit for connecting to a cluster's scheduler, s."""
+
+Scheduler = Annotated[
+    str | None,
+    typer.Option(metavar="ADDRESS", help="Dask scheduler whose workers make the runs, e.g. tcp://host:8786."),
+]
+"""Option for the scheduler of a cluster."""
 
 
 def sweep(
@@ -57,12 +62,7 @@ def sweep(
         int | None,
         typer.Option(help="Number of runs in one batch; default: 8 on an accelerator, no batches on a CPU."),
     ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS", help="Dask scheduler whose workers run the members, e.g. tcp://host:8786."
-        ),
-    ] = None,
+    scheduler: Scheduler = None,
     report: Page = True,
     quiet: Quiet = False,
 ) -> None:
@@ -85,72 +85,11 @@ def sweep(
         )
         if not quiet:
             print_table(_sweep_rows(done))
-            _doubt(loaded, done)
+            doubt(loaded, done)
         print_errors(done, places, out, workers, quiet)
         typer.echo(f"recorded in {out}")
         write_page(out, report, quiet)
-        _end_with_failures(done)
-
-
-def matrix(
-    case: CaseName,
-    heights: Annotated[
-        str,
-        typer.Option(
-            "--hs", metavar="VALUES", help="Significant wave heights, m: 0.02,0.04 or first:last:count."
-        ),
-    ],
-    periods: Annotated[
-        str, typer.Option("--tp", metavar="VALUES", help="Peak periods, s: 1.2,1.4 or first:last:count.")
-    ],
-    seeds: Annotated[
-        int, typer.Option(help="Number of random seas per sea state; more seas reduce the error.")
-    ] = 1,
-    table: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="CSV", help="Scatter table with columns Hs, Tp and share or hours, for the annual mean."
-        ),
-    ] = None,
-    settings: Settings = None,
-    quick: Quick = False,
-    t1: EndTime = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="File; default: runs/<name of the case>_matrix.h5"),
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler whose workers run the sea states.")
-    ] = None,
-    report: Page = True,
-    quiet: Quiet = False,
-) -> None:
-    """Compute a power matrix: mean power for every wave height and period, and the mean over a scatter
-    table."""
-    import jaxsph as js
-
-    with messages(INTERRUPTED), cluster(scheduler) as executor:
-        loaded = load(case, settings, quick, t1)
-        scatter = None if table is None else js.ScatterTable.read(table)
-        Hs, Tp = (
-            values_of(f"{name}={text}", f"--{name}")[1] for name, text in (("hs", heights), ("tp", periods))
-        )
-        if scatter is not None:
-            scatter.check_within(Hs, Tp)
-        out = out if out is not None else Path("runs") / f"{loaded.name}_matrix.h5"
-        if not quiet:
-            note_members(loaded, {"waves.Hs": Hs, "waves.Tp": Tp})
-            announce(loaded, out, len(Hs) * len(Tp) * seeds, None, scheduler)
-        done = js.power_matrix(loaded, Hs, Tp, out, seeds=seeds, executor=executor, progress=not quiet)
-        unknown = _print_matrix(done, scatter, out)
-        typer.echo(f"recorded in {out}")
-        if not quiet:
-            _doubt(loaded, done.sweep)
-            from jaxsph.output.plot.matrix import plot_matrix
-
-            typer.echo(f"picture: {plot_matrix(done, out.with_name(out.stem + '_plots'))}")
-        write_page(out, report, quiet)
-        _end_with_failures(done.sweep, unknown)
+        end_with_failures(done)
 
 
 def _refuse_equal(loaded: Any, over: Mapping[str, Sequence[float]]) -> None:
@@ -172,7 +111,7 @@ def note_members(loaded: Any, over: Mapping[str, Sequence[float]]) -> None:
         print_notes(notice for one in (loaded, *members) for notice in one.notices())
 
 
-def _doubt(loaded: Any, done: Any) -> None:
+def doubt(loaded: Any, done: Any) -> None:
     """Prints the reasons to doubt results of a sweep's members."""
     ended = sorted(set(done.members) - set(done.failures))
     results = [{name: done[name][place] for name in done.results} for place in ended]
@@ -220,48 +159,7 @@ def _sweep_rows(done: Any) -> list[tuple[str, str]]:
     return [(done.words(place), f"{label} {done[name][place]:.4g}") for place in places]
 
 
-def _print_matrix(done: Any, scatter: Any, out: Path) -> CaseError | None:
-    """Prints the power of each sea state, and the mean over the scatter table if there is one.
-
-    This mean is also stored in the file `out` of the matrix as its main result.
-    **Returns** the error if this mean is unknown, so that everything else can be printed and written first.
-    """
-    rows, unknown = _matrix_rows(done), None
-    if scatter is not None:
-        over = "year" if scatter.hours is None else f"{scatter.hours:,.0f} h of the table"
-        try:
-            mean = done.annual(scatter)
-            error = "" if math.isnan(mean.error) else f" +- {mean.error:.1g}"
-            theory = done.annual_linear(scatter)
-            linear = "" if math.isnan(theory) else f"{theory:.3g}"
-            value = f"{mean.value:.3g}{error}"
-            rows.append(
-                (f"mean over the {over}", f"{value} {done.unit}{linear and f'; linear theory {linear}'}")
-            )
-            answer = {"label": f"mean power over the {over}", "value": value.replace("+-", "±")}
-            SweepFile(out).conclude(answer | {"unit": done.unit, "expected": linear, "note": ""})
-        except CaseError as found:
-            unknown = found
-    print_table(rows)
-    return unknown
-
-
-def _matrix_rows(done: Any) -> list[tuple[str, str]]:
-    """One row per sea state, with its mean power."""
-    unit, rows = done.unit, []
-    for i, height in enumerate(done.Hs):
-        for j, period in enumerate(done.Tp):
-            linear = done.linear[i, j]
-            theory = "" if linear != linear else f"; linear theory {linear:.3g}"  # NaN: no theory
-            error = "" if math.isnan(done.error[i, j]) else f" +- {done.error[i, j]:.1g}"
-            xi = "" if math.isnan(done.xi[i, j]) else f" (xi {done.xi[i, j]:.3g})"
-            known = f"{done.P[i, j]:.3g}{error} {unit}{xi}"
-            value = "no mean power" if math.isnan(done.P[i, j]) else known
-            rows.append((f"Hs = {height:g} m, Tp = {period:g} s", f"{value}{theory}"))
-    return rows
-
-
-def _end_with_failures(done: Any, unknown: CaseError | None = None) -> None:
+def end_with_failures(done: Any, unknown: CaseError | None = None) -> None:
     """Prints the members that failed, and ends the command with exit code 1 if there are any.
 
     **Raises** the error `unknown` if it is given, after the failures are printed.

@@ -6,6 +6,7 @@ import dataclasses
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
@@ -19,6 +20,45 @@ from jaxsph.study.base import (
     parameter_value,
 )
 from jaxsph.study.sweep import MOST_MEMBERS, sweep
+
+
+class Members(NamedTuple):
+    """Runs of an ensemble that gave a result."""
+
+    parameter: str
+    of: str
+    value: float
+    """The source's value of the parameter, as it is built."""
+    values: np.ndarray
+    """Values of the parameter in all runs."""
+    results: np.ndarray
+    """The result of all runs; NaN for runs that have none."""
+    failures: dict[int, str]
+    """Error messages of failed runs, by their numbers."""
+
+    @property
+    def known(self) -> np.ndarray:
+        """Whether each run has the result."""
+        return np.isfinite(self.results)
+
+    @property
+    def offsets(self) -> np.ndarray:
+        """Relative changes of the parameter in the runs that have the result (-)."""
+        return self.values[self.known] / self.value - 1.0
+
+    def derivative(self, method: AbstractMethod, value: float, slope: float, error: float) -> Derivative:
+        """Derivative from its value, and its slope and error over the relative change of the parameter."""
+        return Derivative(
+            self.parameter,
+            self.of,
+            value,
+            slope / self.value,
+            error / abs(self.value),
+            float(np.max(np.abs(self.values / self.value - 1.0))) * abs(self.value),
+            method,
+            members={self.parameter: self.values, self.of: self.results},
+            failures=self.failures,
+        )
 
 
 class Ensemble(AbstractMethod):
@@ -50,6 +90,13 @@ class Ensemble(AbstractMethod):
 
     def derivative(self, source, parameter, of, progress):
         """See `AbstractMethod.derivative`."""
+        found = self.members_of(source, parameter, of, progress)
+        fit = parabola(found.offsets, found.results[found.known])
+        return found.derivative(self, fit.value, fit.slope, fit.error)
+
+    def members_of(self, source: Source, parameter: str, of: str, progress: bool) -> Members:
+        """Runs of the ensemble, of which four or more have the result; arguments and errors as for
+        `study.derivative`."""
         value = parameter_value(source, parameter)
         check_result(source.problem(), of)
         if value == 0.0:
@@ -58,8 +105,6 @@ class Ensemble(AbstractMethod):
             )
         shares = self.spread * np.linspace(-1.0, 1.0, self.members)
         values = _as_built(source, parameter, [float(v) for v in value * (1.0 + shares)])
-        value = float(source.built(parameter))
-        offsets = np.asarray(values) / value - 1.0
         with tempfile.TemporaryDirectory() as folder:
             out = Path(folder) / "members.h5" if self.out is None else Path(self.out)
             done = sweep(source, {parameter: values}, out, workers=self.workers, progress=progress)
@@ -67,30 +112,18 @@ class Ensemble(AbstractMethod):
         # power of a body is called P_pto
         names = {"energy_pto": ("whole_energy_pto", "energy_pto"), "P_owc": ("P_owc", "P_pto")}.get(of, (of,))
         nothing = np.full(len(values), np.nan)
-        found = next((done[name] for name in names if name in done.results), nothing)
-        known = np.isfinite(found)
-        if known.sum() < 4:
+        results = next((done[name] for name in names if name in done.results), nothing)
+        failures = {place[0]: text for place, text in sorted(done.failures.items())}
+        known = np.isfinite(results).sum()
+        if known < 4:
             first = next(
-                iter(done.failures.values()),
+                iter(failures.values()),
                 "the runs have no such result, for example because t1 is too small",
             )
             raise DerivativeError(
-                f"only {known.sum()} of {len(values)} members gave {of}, but a slope needs four: {first}"
+                f"only {known} of {len(values)} members gave {of}, but a slope needs four: {first}"
             )
-        fit = parabola(offsets[known], found[known])
-        members = {parameter: np.asarray(values), of: found}
-        scale = 1.0 / value
-        return Derivative(
-            parameter,
-            of,
-            fit.value,
-            fit.slope * scale,
-            fit.error * abs(scale),
-            self.spread * abs(value),
-            self,
-            members=members,
-            failures={place[0]: text for place, text in sorted(done.failures.items())},
-        )
+        return Members(parameter, of, float(source.built(parameter)), np.asarray(values), results, failures)
 
 
 def _as_built(source: Source, parameter: str, values: list[float]) -> list[float]:

@@ -31,7 +31,7 @@ from jaxsph.errors import CaseError, FileError
 from jaxsph.study.fast_bodies import BodyTheory
 from jaxsph.study.fast_column import ColumnTheory
 from jaxsph.study.fast_theory import AbstractFastTheory
-from jaxsph.study.matrix import ScatterTable
+from jaxsph.study.scatter import ScatterTable
 from jaxsph.study.sweep import Sweep, sweep
 from jaxsph.waves.fast_owc import Incident
 from jaxsph.waves.spectra import JONSWAP
@@ -146,8 +146,21 @@ class FastModel:
         return jnp.asarray(table.share[used]) @ found
 
     def moved(self, case: Case) -> FastModel:
-        """The model of a case with other lengths of the device; the additions stay."""
+        """The model of a case with another device of the same kind; the additions stay.
+
+        **Raises** CaseError for another kind of device, or one without linear theory.
+        """
+        if type(self.theory) is not kind_of(case):
+            raise CaseError(f"the fast model of {self.case.name!r} is that of another kind of device")
+        if missing := kind_of(case).why_not(case):
+            raise CaseError(missing)
         return dataclasses.replace(self, theory=self.theory.of(case, self.theory.series.ends))
+
+    @property
+    def linear(self) -> FastModel:
+        """The model without additions, which is linear theory."""
+        none = jax.tree.map(lambda _: 0.0, self.added)
+        return dataclasses.replace(self, added=none, added_error=none, runs=())
 
     def _incident(self, values: dict[str, jax.Array]) -> Incident:
         """Incident waves with the case's or with changed values, which are removed from `values`."""

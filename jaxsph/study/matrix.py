@@ -7,75 +7,45 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import scipy  # which imports its subpackages on first use
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from jaxsph.analysis import Mean
 from jaxsph.case.case import Case
-from jaxsph.case.data_files import read_columns
 from jaxsph.case.linear import linear_sea, sea_is_linear
 from jaxsph.case.results import mean_of_power
 from jaxsph.errors import CaseError
+from jaxsph.output.sweep_file import LIMIT, LIMIT_ERROR
+from jaxsph.study.fast_model import FastModel
+from jaxsph.study.scatter import ScatterTable
 from jaxsph.study.sweep import MOST_MEMBERS, Sweep, sweep
 
 SEA_AXES = ["waves.Hs", "waves.Tp", "waves.seed"]
 """Parameters of the sweep of a power matrix, in order."""
-HOURS = 8766.0
-"""Number of hours in a mean year of 365.25 days."""
 MOST_NAMED = 10
 """Largest number of sea states that an error message names."""
 
 
-@dataclass(frozen=True)
-class ScatterTable:
-    """Scatter table: sea states at a site, and their shares of the year."""
+class Year(NamedTuple):
+    """Mean power over the seas of a scatter table and its standard errors, W (W/m in 2-D)."""
 
-    Hs: NDArray[np.float64]
-    """Significant wave heights, m."""
-    Tp: NDArray[np.float64]
-    """Peak periods, s."""
-    share: NDArray[np.float64]
-    """Shares of the year (-), which sum to 1."""
-    hours: float | None = None
-    """Hours that the table covers, h; None if the table gives shares."""
+    value: float
+    waves: float
+    """Error due to the random seas, in which the runs have a finite length."""
+    between: float
+    """Error of the power in sea states that differ from those of the runs; NaN if it is unknown."""
+    spacing: float
+    """Error due to the spacing of the particles; NaN if no run was repeated with half of its spacing."""
 
-    @classmethod
-    def read(cls, path: str | Path) -> ScatterTable:
-        """Reads a table from a CSV file with the columns Hs (m), Tp (s), and share (-) or hours (h).
-
-        **Raises** CaseError for other columns, and for shares that are negative or do not sum to 1.
-        """
-        units = {"Hs": "m", "Tp": "s", "share": "-", "hours": "h"}
-        found = read_columns(path, units, [{"Hs", "Tp", "share"}, {"Hs", "Tp", "hours"}])
-        columns = {name: np.array(values) for name, values in found.items()}
-        kind = "share" if "share" in columns else "hours"
-        weight = columns[kind]
-        if np.any(weight < 0.0) or not np.sum(weight) > 0.0:
-            raise CaseError(
-                f"{path}: values of {kind} must not be negative, and at least one must be positive"
-            )
-        if kind == "share" and abs(np.sum(weight) - 1.0) > 1e-3:
-            raise CaseError(
-                f"{path}: the shares must add up to 1, but add up to {np.sum(weight):.4g}; if the values are "
-                "hours, name the column hours"
-            )
-        hours = float(np.sum(weight)) if kind == "hours" else None
-        return cls(columns["Hs"], columns["Tp"], weight / np.sum(weight), hours)
-
-    def check_within(self, Hs: ArrayLike, Tp: ArrayLike) -> None:
-        """**Raises** CaseError if a sea state of the table lies outside a matrix over Hs (m) and Tp (s)."""
-        used = self.share > 0.0
-        for name, unit, axis, values in (("Hs", "m", Hs, self.Hs[used]), ("Tp", "s", Tp, self.Tp[used])):
-            outside = (values < np.min(axis) - 1e-9) | (values > np.max(axis) + 1e-9)
-            if np.any(outside):
-                raise CaseError(
-                    f"the table has {name} = {values[outside][0]:g} {unit}, but the matrix covers only "
-                    f"{np.min(axis):g} to {np.max(axis):g} {unit}: extend the matrix, or remove this sea "
-                    "state from the table"
-                )
+    @property
+    def error(self) -> float:
+        """Root of the sum of the squares of the known errors; NaN if none is known."""
+        known = [error for error in self[1:] if np.isfinite(error)]
+        return float(np.linalg.norm(known)) if known else float("nan")
 
 
 @dataclass(frozen=True)
@@ -105,13 +75,25 @@ class PowerMatrix:
         """Unit of the powers: W, or W/m in two dimensions."""
         return "W/m" if self.sweep.case.tank.width is None else "W"
 
-    def annual(self, table: ScatterTable) -> Mean:
-        """Mean power over the year of a scatter table, and its standard error, W (W/m in 2-D).
+    def annual(self, table: ScatterTable, model: FastModel | None = None) -> Year:
+        """Mean power over the seas of a scatter table, with its errors by origin.
 
-        The power is interpolated linearly between the sea states of the matrix. **Raises** CaseError if the
-        table has sea states outside the matrix, or needs a cell whose runs failed.
+        Between the sea states of the matrix, the power is interpolated linearly. With a fast `model` of the
+        device, the ratio of the power to that of the model is interpolated instead, and is constant outside
+        the matrix. The scatter of this ratio over the matrix is then the error of the power in other sea
+        states. **Raises** CaseError if the table has sea states outside the matrix, or with a model outside
+        the range of the model, or needs a cell whose runs failed.
         """
-        weight = self._weights(table)
+        used = table.share > 0.0
+        share, seas = table.share[used], np.stack([table.Hs[used], table.Tp[used]], axis=1)
+        cells = np.stack(np.meshgrid(self.Hs, self.Tp, indexing="ij"), axis=-1).reshape(-1, 2)
+        if model is None:
+            table.check_within(self.Hs, self.Tp)
+            usual, here = np.ones(self.P.shape), np.ones(len(seas))
+        else:
+            model = model.moved(self.sweep.case)
+            usual, here = _of_model(model, cells).reshape(self.P.shape), _of_model(model, seas)
+        weight = self._weights(seas, share * here)
         missing = np.argwhere(~np.isfinite(self.P) & (weight > 0.0))
         if missing.size:
             named = [f"Hs = {self.Hs[i]:g} m, Tp = {self.Tp[j]:g} s" for i, j in missing]
@@ -121,26 +103,64 @@ class PowerMatrix:
                 f"{'; '.join([*named[:MOST_NAMED], *more])}: run the matrix again (with a larger t1 if no "
                 "run failed), or remove the sea states at and next to these from the table"
             )
-        P, error = (np.where(weight > 0.0, a, 0.0) for a in (self.P, self.error))
-        return Mean(float(np.sum(weight * P)), float(np.sqrt(np.sum((weight * error) ** 2))))
+        ratio, error = (np.where(weight > 0.0, a / usual, 0.0) for a in (self.P, self.error))
+        value = float(np.sum(weight * ratio))
+        # the seas without runs, and their share of the power
+        other = ~np.any(np.all(np.isclose(seas[:, None], cells), axis=2), axis=1)
+        part = np.sum((share * here)[other]) / np.sum(share * here)
+        between = part * _scatter(self.P / usual, model) if np.any(other) else 0.0
+        waves = float(np.linalg.norm(weight * error))
+        return Year(value, waves, between * value, self._error_of_spacing() * value)
 
     def annual_linear(self, table: ScatterTable) -> float:
         """Mean power over the year of a scatter table by linear theory, W/m; NaN if the theory does not cover
         the case."""
-        weight = self._weights(table)
+        table.check_within(self.Hs, self.Tp)
+        weight = self._weights(np.stack([table.Hs, table.Tp], axis=1), table.share)
         return float(np.sum(weight * np.where(weight > 0.0, self.linear, 0.0)))
 
-    def _weights(self, table: ScatterTable) -> NDArray[np.float64]:
-        """Weight of every cell in the mean over a scatter table, `[Hs, Tp]`."""
-        table.check_within(self.Hs, self.Tp)
-        used = table.share > 0.0
-        places = np.stack([table.Hs[used], table.Tp[used]], axis=1)
+    def _weights(self, seas: NDArray, share: NDArray) -> NDArray[np.float64]:
+        """Weight of every cell in the sum over seas `[S, 2]` (m, s) with these shares `[S]`, `[Hs, Tp]`."""
+        seas, share = seas[share > 0.0], share[share > 0.0]
         weights = np.zeros((len(self.Hs), len(self.Tp)))
         for cell in np.ndindex(weights.shape):
             one = np.zeros(weights.shape)
             one[cell] = 1.0
-            weights[cell] = np.sum(table.share[used] * _interpolated(self.Hs, self.Tp, one, places))
+            weights[cell] = np.sum(share * _interpolated(self.Hs, self.Tp, one, seas))
         return weights
+
+    def _error_of_spacing(self) -> float:
+        """Relative error due to the spacing, from the members whose limits are known (-); NaN without any."""
+        power = _name_of_power(self.sweep)
+        if LIMIT + power not in self.sweep.results:
+            return float("nan")
+        of_run, limit, error = (self.sweep[before + power] for before in ("", LIMIT, LIMIT_ERROR))
+        off = np.hypot(limit / of_run - 1.0, error / of_run)
+        return float(np.sqrt(np.nanmean(off**2)))
+
+
+def _of_model(model: FastModel, seas: NDArray) -> NDArray[np.float64]:
+    """Powers of a fast model in seas `[S, 2]` (m, s). **Raises** CaseError outside the model's range."""
+    changes = {"waves.Hs": jnp.asarray(seas[:, 0]), "waves.Tp": jnp.asarray(seas[:, 1])}
+    found = np.asarray(jax.vmap(model.results)(changes)[model.theory.power], float)
+    if not np.all(np.isfinite(found)):
+        Hs, Tp = seas[np.argmin(np.isfinite(found))]
+        raise CaseError(
+            f"the fast model has no power at Hs = {Hs:g} m, Tp = {Tp:g} s, which is outside its range of "
+            "periods: calibrate it with runs of such periods, or remove this sea state from the table"
+        )
+    return found
+
+
+def _scatter(ratio: NDArray, model: FastModel | None) -> float:
+    """Relative scatter of the ratios of powers to those of a model (-); for one cell the model's own error,
+    and NaN without a model."""
+    if model is None:
+        return float("nan")
+    known = ratio[np.isfinite(ratio)]
+    if len(known) < 2:
+        return model.error[model.theory.predictable[model.theory.power].like]
+    return float(np.std(known, ddof=1) / np.mean(known))
 
 
 def _interpolated(Hs: NDArray, Tp: NDArray, values: NDArray, places: NDArray) -> NDArray[np.float64]:
@@ -176,6 +196,13 @@ def power_matrix(
     the runs' means. **Raises** CaseError if the case has no irregular waves or no power take-off, or if a sea
     state is not possible in the tank.
     """
+    over = members_of(case, Hs, Tp, seeds)
+    done = sweep(case, over, out, workers=workers, executor=executor, progress=progress)
+    return matrix_of(done)
+
+
+def members_of(case: Case, Hs: Sequence[float], Tp: Sequence[float], seeds: int) -> dict[str, list[Any]]:
+    """Parameters of the runs of a power matrix. **Raises** CaseError as `power_matrix`, before any run."""
     if not isinstance(case, Case) or case.waves is None or case.waves.kind != "irregular":
         raise CaseError(
             "a power matrix varies waves.Hs, waves.Tp and waves.seed: give a case with "
@@ -193,13 +220,11 @@ def power_matrix(
     for height, period in itertools.product(axes["Hs"].tolist(), axes["Tp"].tolist()):
         mean_of_power(case.replace({"waves.Hs": height, "waves.Tp": period}), "P_owc")
     first = case.waves.seed
-    over = {
-        "waves.Hs": axes["Hs"],
-        "waves.Tp": axes["Tp"],
-        "waves.seed": np.arange(first, first + seeds),
+    return {
+        "waves.Hs": axes["Hs"].tolist(),
+        "waves.Tp": axes["Tp"].tolist(),
+        "waves.seed": [*range(first, first + seeds)],
     }
-    done = sweep(case, over, out, workers=workers, executor=executor, progress=progress)
-    return matrix_of(done)
 
 
 def of_the_sea(results: Mapping[str, Any]) -> dict[str, Any]:
@@ -225,6 +250,17 @@ def _first_failure(done: Sweep) -> str:
     )
 
 
+def _name_of_power(done: Sweep) -> str:
+    """Name of the absorbed power in the results of a sweep. **Raises** CaseError if no run gave one."""
+    for name in ("P_owc", "P_pto"):
+        if name in done.results:
+            return name
+    raise CaseError(
+        "no run gave an absorbed power: check that the runs have not failed, that a device has a damping, "
+        f"and that t1 is long enough{_first_failure(done)}"
+    )
+
+
 def matrix_of(done: Sweep) -> PowerMatrix:
     """Power matrix of a sweep over waves.Hs, Tp and seed. **Raises** CaseError for other sweeps."""
     if [*done.axes] != SEA_AXES:
@@ -232,14 +268,8 @@ def matrix_of(done: Sweep) -> PowerMatrix:
             "a power matrix needs a sweep over waves.Hs, waves.Tp and waves.seed, and not over "
             f"{', '.join(done.axes)}"
         )
-    named = [name for name in ("P_owc", "P_pto") if name in done.results]
-    if not named:
-        raise CaseError(
-            "no run gave an absorbed power: check that the runs have not failed, that a device has a "
-            f"damping, and that t1 is long enough{_first_failure(done)}"
-        )
     results = of_the_sea(done.results)
-    powers = results[named[0]]
+    powers = results[_name_of_power(done)]
     # in three dimensions there is neither an efficiency nor its error
     unknown = np.full(powers.shape, np.nan)
     efficiency, xi_error = (results.get(name, unknown) for name in ("xi", "xi_error"))

@@ -10,7 +10,7 @@ import numpy as np
 from jaxsph.errors import CaseError
 from jaxsph.study.base import AbstractMethod, Derivative
 from jaxsph.study.ensemble import Ensemble
-from jaxsph.study.matrix import ScatterTable
+from jaxsph.study.scatter import ScatterTable
 
 
 class OverSeas(AbstractMethod):

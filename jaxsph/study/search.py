@@ -24,9 +24,9 @@ from jaxsph.case.case import Case
 from jaxsph.errors import CaseError
 from jaxsph.study.fast_column import LENGTHS
 from jaxsph.study.fast_model import DAMPED, LEAST, FastModel, calibrate, check, kind_of, members_around
-from jaxsph.study.matrix import ScatterTable
 from jaxsph.study.optimise import Maximum, Record, check_bounds
 from jaxsph.study.ownership import only_study
+from jaxsph.study.scatter import ScatterTable
 from jaxsph.waves.fast_owc import SHARE
 
 FIRST = len(DAMPED)

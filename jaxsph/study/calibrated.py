@@ -1,0 +1,100 @@
+"""Slope of a result from an ensemble of runs with a fast model as control variate."""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from jaxsph.case.case import Case
+from jaxsph.errors import CaseError
+from jaxsph.problem.source import Source
+from jaxsph.study.base import AbstractMethod, check_result
+from jaxsph.study.ensemble import Ensemble
+from jaxsph.study.fast_column import LENGTHS
+from jaxsph.study.fast_model import REGULAR, FastModel, calibrate, check
+
+
+class Calibrated(AbstractMethod):
+    """Ensemble of runs whose differences from a fast model are fitted by a line.
+
+    The slope is that of the model plus that of the line. A curve of any shape may be fitted in this way, as
+    far as the model has its shape, so that the members can be spread more widely than those of a parabola.
+    The scatter about the line gives the standard error.
+    """
+
+    ensemble: Ensemble = Ensemble(spread=0.5)
+    """The runs."""
+    model: str | Path | None = eqx.field(static=True, default=None)
+    """File of a fast model, whose additions are used; None calibrates the case by five more runs, which are
+    stored beside those of the ensemble."""
+
+    def kept(self, path):
+        """See `AbstractMethod.kept`."""
+        return dataclasses.replace(self, ensemble=self.ensemble.kept(path))
+
+    def derivative(self, source, parameter, of, progress):
+        """See `AbstractMethod.derivative`."""
+        case, name = _checked(source, parameter, of)
+        model = self._model(case, progress).moved(case)
+        found = self.ensemble.members_of(case, parameter, of, progress)
+
+        def predict(at: FastModel, value: Any) -> jax.Array:
+            return at.results({parameter: value})[name]
+
+        def at(value: float) -> FastModel:
+            # lengths may change by more than those for which the response of the water is known
+            return model.moved(case.replace({parameter: value})) if parameter in LENGTHS else model
+
+        usual, slope = jax.value_and_grad(lambda value: predict(model, value))(found.value)
+        control = np.array([predict(at(value), value) for value in found.values[found.known]], float)
+        if not np.all(np.isfinite([*control, usual, slope])):
+            values = ", ".join(f"{value:.4g}" for value in found.values)
+            raise CaseError(
+                f"{parameter}: the fast model has no prediction for all of {values}, which are outside its "
+                "range; reduce the spread, or calibrate it with such runs"
+            )
+        line, covariance = np.polyfit(found.offsets, found.results[found.known] - control, 1, cov=True)
+        return found.derivative(
+            self,
+            float(usual) + float(line[1]),
+            float(slope) * found.value + float(line[0]),
+            float(np.sqrt(covariance[0, 0])),
+        )
+
+    def _model(self, case: Case, progress: bool) -> FastModel:
+        """Model from its file, or from five runs of the case."""
+        if self.model is not None:
+            return FastModel.read(self.model)
+        with tempfile.TemporaryDirectory() as folder:
+            out = Path(folder) / "members.h5" if self.ensemble.out is None else Path(self.ensemble.out)
+            path = out.with_name(f"{out.stem}_model.json")
+            return calibrate(case, path, workers=self.ensemble.workers, progress=progress)
+
+
+def _checked(source: Source, parameter: str, of: str) -> tuple[Case, str]:
+    """The case, and the name in a fast model of the result `of` of its runs.
+
+    **Raises** CaseError if no model gives this slope.
+    """
+    if not isinstance(source, Case):
+        raise CaseError("method=js.Calibrated() needs a case, and this is a program")
+    check(source, {})
+    theory = FastModel.of_theory(source).theory
+    keys = {**REGULAR, **theory.keys(source)}
+    names = {name: name for name in theory.predictable} | {run: name for name, run in theory.read.items()}
+    for given, known, what in (
+        (parameter, keys, "change this parameter"),
+        (of, names, "predict this result"),
+    ):
+        if given not in known:
+            raise CaseError(
+                f"{given}: a fast model cannot {what}; use one of {', '.join(known)}, or method=js.Ensemble()"
+            )
+    check_result(source.problem(), of)
+    return source, names[of]

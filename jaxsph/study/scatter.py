@@ -1,0 +1,74 @@
+"""Scatter table: the sea states at a site, and how often they occur."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jaxsph.case.data_files import read_columns
+from jaxsph.errors import CaseError
+
+HOURS = 8766.0
+"""Number of hours in a mean year of 365.25 days."""
+
+
+@dataclass(frozen=True)
+class ScatterTable:
+    """Scatter table: sea states at a site, and their shares of the year."""
+
+    Hs: NDArray[np.float64]
+    """Significant wave heights, m."""
+    Tp: NDArray[np.float64]
+    """Peak periods, s."""
+    share: NDArray[np.float64]
+    """Shares of the year (-), which sum to 1."""
+    hours: float | None = None
+    """Hours that the table covers, h; None if the table gives shares."""
+
+    @property
+    def period(self) -> tuple[str, float]:
+        """Words for the time that the table covers, and its hours: those given, or a mean year."""
+        return ("year", HOURS) if self.hours is None else (f"{self.hours:,.0f} h of the table", self.hours)
+
+    def at_scale(self, scale: float) -> ScatterTable:
+        """The seas of a model whose lengths are `scale` times smaller, by Froude's law; the hours stay."""
+        return dataclasses.replace(self, Hs=self.Hs / scale, Tp=self.Tp / np.sqrt(scale))
+
+    @classmethod
+    def read(cls, path: str | Path) -> ScatterTable:
+        """Reads a table from a CSV file with the columns Hs (m), Tp (s), and share (-) or hours (h).
+
+        **Raises** CaseError for other columns, and for shares that are negative or do not sum to 1.
+        """
+        units = {"Hs": "m", "Tp": "s", "share": "-", "hours": "h"}
+        found = read_columns(path, units, [{"Hs", "Tp", "share"}, {"Hs", "Tp", "hours"}])
+        columns = {name: np.array(values) for name, values in found.items()}
+        kind = "share" if "share" in columns else "hours"
+        weight = columns[kind]
+        if np.any(weight < 0.0) or not np.sum(weight) > 0.0:
+            raise CaseError(
+                f"{path}: values of {kind} must not be negative, and at least one must be positive"
+            )
+        if kind == "share" and abs(np.sum(weight) - 1.0) > 1e-3:
+            raise CaseError(
+                f"{path}: the shares must add up to 1, but add up to {np.sum(weight):.4g}; if the values are "
+                "hours, name the column hours"
+            )
+        hours = float(np.sum(weight)) if kind == "hours" else None
+        return cls(columns["Hs"], columns["Tp"], weight / np.sum(weight), hours)
+
+    def check_within(self, Hs: ArrayLike, Tp: ArrayLike) -> None:
+        """**Raises** CaseError if a sea state of the table lies outside a matrix over Hs (m) and Tp (s)."""
+        used = self.share > 0.0
+        for name, unit, axis, values in (("Hs", "m", Hs, self.Hs[used]), ("Tp", "s", Tp, self.Tp[used])):
+            outside = (values < np.min(axis) - 1e-9) | (values > np.max(axis) + 1e-9)
+            if np.any(outside):
+                raise CaseError(
+                    f"the table has {name} = {values[outside][0]:g} {unit}, but the matrix covers only "
+                    f"{np.min(axis):g} to {np.max(axis):g} {unit}: extend the matrix, or remove this sea "
+                    "state from the table"
+                )
