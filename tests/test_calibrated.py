@@ -97,7 +97,7 @@ def test_slopes_that_no_model_gives_are_refused_before_a_run(ran, given, paramet
 def test_a_model_of_another_device_and_of_other_periods_is_refused(ran, tmp_path):
     buoy = FastModel.of_theory(js.load_case("buoy_heave"))
     buoy.write(tmp_path / "buoy.json")
-    with pytest.raises(js.CaseError, match="is the model of another kind of device"):
+    with pytest.raises(js.CaseError, match="of 'buoy_heave' is that of another kind of device"):
         js.derivative(CASE, "pto.K_dm", "xi", js.Calibrated(model=tmp_path / "buoy.json"), False)
     assert not ran
     FastModel.of_theory(CASE).write(tmp_path / "owc.json")

@@ -25,6 +25,7 @@ BUOY = js.load_case("buoy_heave").replace({"t1": 16.0})
 FLAP = js.load_case("flap_2d")
 TRUE = {"buoy_heave": BodyAdditions((500.0,), (0.08,)), "flap_2d": BodyAdditions((12.0,), (0.2,))}
 KEY = {"buoy_heave": "link.take_off.damping", "flap_2d": "body.pto.damping"}
+SPRING = {"buoy_heave": "link.take_off.stiffness", "flap_2d": "body.pto.spring"}
 MOTION = {"buoy_heave": "heave", "flap_2d": "pitch"}
 
 
@@ -54,6 +55,44 @@ def test_without_additions_the_model_is_linear_theory(name, ratio, damping, H):
     # the series has 16 terms, and the model uses float32
     for of, there in (("P_pto", "P_pto"), ("xi", "xi"), (MOTION[name], f"amplitude_{MOTION[name]}")):
         assert float(found[of]) == pytest.approx(exact[there], rel=3e-4)
+
+
+@functools.cache
+def _with_spring(name):
+    """Compiled results of the model over the stiffness of the take-off."""
+    model = _model(name)
+    return jax.jit(lambda k: model.results({SPRING[name]: k}))
+
+
+@pytest.mark.parametrize("name", KEY)
+@settings(max_examples=3, deadline=None, phases=[Phase.explicit, Phase.generate])
+@given(share=st.floats(-0.5, 1.0))
+def test_another_stiffness_of_a_take_off_is_that_of_linear_theory(name, share):
+    """Also a negative one, as in reactive control; relative to the stiffness by buoyancy and weight."""
+    model = _model(name)
+    stiffness = share * float(model.theory.water.stiffness[0, 0])
+    exact = linear_motions(model.case.replace({SPRING[name]: stiffness})).results
+    found = _with_spring(name)(stiffness)
+    for of, there in (("P_pto", "P_pto"), (MOTION[name], f"amplitude_{MOTION[name]}")):
+        assert float(found[of]) == pytest.approx(exact[there], rel=1e-3)
+
+
+def test_models_of_cases_with_springs_agree():
+    """The stiffness replaces that of the case, also where a water of another case was put in its place."""
+    soft, hard = (FastModel.of_theory(BUOY.replace({SPRING["buoy_heave"]: k})) for k in (-500.0, 800.0))
+    other = dataclasses.replace(soft, theory=dataclasses.replace(soft.theory, water=hard.theory.water))
+    for model in (hard, other):
+        found = model.results({SPRING["buoy_heave"]: -500.0})
+        assert float(found["heave"]) == pytest.approx(float(soft.results()["heave"]), rel=1e-5)
+    assert float(hard.results()["heave"]) != pytest.approx(float(soft.results()["heave"]), rel=0.05)
+
+
+def test_a_stiffness_that_moves_the_bodies_is_refused():
+    """A buoy that is heavier than the water it displaces in its given position sinks by a centimetre."""
+    heavy = FastModel.of_theory(BUOY.replace({"body.density": 550.0}))
+    assert float(heavy.results()["heave"]) > 0.0
+    with pytest.raises(js.CaseError, match="take_off has the extension -0.01 at rest, so that"):
+        heavy.results({SPRING["buoy_heave"]: 100.0})
 
 
 @pytest.mark.parametrize("name", KEY)

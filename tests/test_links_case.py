@@ -43,6 +43,11 @@ HEAVE = {"body": "body", "motion": "heave", "damping": 100.0}
         ),
         (HEAVE | {"motion": "yaw"}, r"link.a.motion = 'yaw'"),
         (HEAVE | {"damping": -1.0}, r"link.a.damping = -1"),
+        (HEAVE | {"stiffness": -50.0}, r"stiffness = -50: must not be negative without take_off"),
+        (
+            ROPE | {"stiffness": -50.0, "slack": True, "take_off": True},
+            "slack needs between",
+        ),
     ],
 )
 def test_links_that_do_not_fit_are_refused(link, message):

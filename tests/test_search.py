@@ -14,6 +14,7 @@ import jaxsph as js
 from jaxsph.cli.app import app
 from jaxsph.study import search as searching
 from jaxsph.study.fast_model import FastModel, Predicted
+from jaxsph.waves.fast_bodies import BodyAdditions
 from jaxsph.waves.fast_owc import Additions
 
 CASE = js.load_case("owc").replace(
@@ -126,6 +127,39 @@ def test_a_search_varies_the_damping_of_a_body(tmp_path, monkeypatch):
     assert asked == [["waves.H", "waves.T", "link.take_off.damping"]]
 
 
+def test_a_search_finds_the_stiffness_of_reactive_control(tmp_path, monkeypatch):
+    """Waves of 1.2 s are longer than the buoy's period: a negative stiffness brings it near resonance."""
+    case = js.load_case("buoy_heave").replace({"t1": 16.0})
+
+    def calibrate(case, out, *, over, periods, **_):
+        runs = Predicted({}, 0.04, {"P_pto": 1.0, "heave": 1.0}, {"P_pto": 1.02, "heave": 1.0})
+        added = BodyAdditions((300.0,), (0.1,))
+        return dataclasses.replace(_theory(case, periods), added=added, runs=(runs,))
+
+    monkeypatch.setattr(searching, "calibrate", calibrate)
+    keys = "link.take_off.damping", "link.take_off.stiffness"
+    bounds = dict(zip(keys, ((50.0, 400.0), (-1500.0, 500.0)), strict=True))
+    found = js.search(case, bounds, tmp_path / "s.h5", of="P_pto", progress=False)
+    model = calibrate(case, None, over=None, periods=None)
+    grid = np.meshgrid(np.geomspace(50.0, 400.0, 60), np.linspace(-1500.0, 500.0, 81))
+    power = jax.vmap(lambda *x: model.results(dict(zip(keys, x, strict=True)))["P_pto"])
+    best = float(jnp.max(power(*(jnp.ravel(a) for a in map(jnp.asarray, grid)))))
+    assert best > 1.2 * float(found.history[0]["P_pto"]) and found.value > 0.999 * best
+    assert -1500.0 < found.case.value(keys[1]) < -500.0
+
+
+def test_bounds_and_prices_of_a_stiffness():
+    case = js.load_case("buoy_heave").replace({"t1": 16.0})
+    of = js.PerCost("P_pto", 1.0, {"link.take_off.stiffness": 1.0})
+    for given, bounds, words in (
+        ("P_pto", (-1.0, np.inf), "bounds must be finite, ascending"),
+        ("P_pto", (-2.0, -1.0), "contain the case's value, 0"),
+        (of, (-2.0, 1.0), "can be negative and has no price"),
+    ):
+        with pytest.raises(js.CaseError, match=words):
+            searching.checked(case, {"link.take_off.stiffness": bounds}, given, None)
+
+
 def test_a_device_whose_runs_fail_ends_the_search_with_the_best_before(tmp_path, monkeypatch):
     calibrate, asked = _calibrated(lambda length: 1.8)
 
@@ -183,7 +217,12 @@ def test_a_search_over_seas_maximises_the_mean_power(tmp_path, monkeypatch):
         (CASE, BOTH, {"of": js.PerCost()}, r"the cost is zero for every device; give a price above 0"),
         (CASE, {"device.draught": (0.1, 0.41)}, {}, r"draught"),
         (js.load_case("wave_tank"), {"pto.K_dm": (1.0, 2.0)}, {}, r"a fast model needs a device with a turb"),
-        (js.load_case("flap_2d"), {"pto.K_dm": (1.0, 2.0)}, {}, r"can search in body\.pto\.damping only"),
+        (
+            js.load_case("flap_2d"),
+            {"pto.K_dm": (1.0, 2.0)},
+            {},
+            r"can search in body\.pto\.damping, body\.pto\.spring only",
+        ),
     ],
 )
 def test_a_search_that_a_model_does_not_cover_is_refused(tmp_path, case, over, options, words):
@@ -222,5 +261,5 @@ def test_the_command_searches_with_a_model(tmp_path, monkeypatch):
     done = CliRunner().invoke(app, ["optimise", "owc", *waves, "--out", "new.h5"])
     # refused before a run is timed
     assert done.exit_code == 2 and "can search in pto.K_dm" in done.output and "runs of" not in done.output
-    done = CliRunner().invoke(app, ["slope", "owc", "--over", "pto.K_dm", "--method", "model"])
-    assert done.exit_code == 2 and "proposes parameters in a search" in done.output
+    done = CliRunner().invoke(app, ["slope", "owc", "--over", "dx", "--method", "model"])
+    assert done.exit_code == 2 and "dx: a fast model cannot change this parameter" in done.output

@@ -1,4 +1,4 @@
-"""Fast models of a heaving buoy and a flap, each fitted to five runs, against twelve runs not seen by them."""
+"""Fast models of a heaving buoy and a flap, each fitted to five runs, against twelve that it has not seen."""
 
 from __future__ import annotations
 

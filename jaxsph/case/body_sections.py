@@ -32,6 +32,8 @@ Motion = Literal["surge", "sway", "heave", "roll", "pitch", "yaw"]
 """Name of a motion of a body; in two dimensions only surge, heave and pitch."""
 Position = Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=3)]
 """Position (x, z) or (x, y, z), m."""
+Stiffness = Annotated[float, Field(ge=-1e15, le=1e15)]
+"""Stiffness of a spring, which a controlled take-off may also make negative."""
 Product = Annotated[float, Field(ge=-1e15, le=1e15)]
 Tilt = Annotated[float, Field(ge=-1.6, le=1.6)]
 MOTIONS = typing.get_args(Motion)
@@ -71,8 +73,8 @@ class RotationalPTOSection(Section):
     """Linear damping, N m s/rad."""
     coulomb: Coefficient = 0.0
     """Moment of the Coulomb friction, N m."""
-    spring: Coefficient = 0.0
-    """Stiffness of a spring that pulls the body back to zero pitch, N m/rad."""
+    spring: Stiffness = 0.0
+    """Stiffness of a spring that pulls the body back to zero pitch, N m/rad; negative in reactive control."""
     stop: float = Field(math.pi, ge=1e-6, le=1e3)
     """Pitch angle, to either side, at which the end stops engage, rad."""
     stop_stiffness: Coefficient = 0.0
@@ -102,8 +104,8 @@ class LinkSection(Section):
     rest: Length | None = None
     """Length at which the link between two points is not extended, m; by default the distance between its
     ends with all bodies at rest."""
-    stiffness: Coefficient = 0.0
-    """Stiffness of a spring, N/m."""
+    stiffness: Stiffness = 0.0
+    """Stiffness of a spring, N/m; negative only for a take-off with reactive control."""
     pretension: float = Field(0.0, ge=-1e12, le=1e12)
     """Tension of the spring at zero extension, N."""
     damping: Coefficient = 0.0
@@ -153,7 +155,12 @@ class LinkSection(Section):
                 "neither"
             )
         others = (self.quadratic, self.friction, self.stop_stiffness, self.latch_damping)
-        if self.slack and (not between or not self.stiffness or any(others)):
+        if self.stiffness < 0.0 and not self.take_off:
+            raise ValueError(
+                f"stiffness = {self.stiffness:g}: must not be negative without take_off, because only a "
+                "controlled take-off can push outwards; give take_off = true, or a positive stiffness"
+            )
+        if self.slack and (not between or self.stiffness <= 0.0 or any(others)):
             raise ValueError(
                 "slack needs between, at and stiffness; the only other forces allowed are pretension "
                 "and damping"

@@ -120,6 +120,8 @@ class SmallMotions:
     bodies: SmallMotion
     links: dict[str, bool]
     """Links of `bodies.dampings` by name, and whether each harvests energy."""
+    extensions: dict[str, float]
+    """Extensions of the same links at the equilibrium, m or rad."""
     swings: dict[str, Real]
     """Oscillations of the bodies `[n]` per unit change of each free coordinate, by their names in a model."""
 
@@ -253,7 +255,8 @@ class _Response:
         harvest = {link.name: link.harvests for link in self.resting.mechanism.links}
         swings = self._swings(ways, self._by_joint(np.eye(int(free.sum()))))
         links = {name: harvest[name] for name in dampings}
-        return SmallMotions(self._section(hulls), bodies, links, swings)
+        extensions = {name: float(self.resting.posture.extensions[name]) for name in dampings}
+        return SmallMotions(self._section(hulls), bodies, links, extensions, swings)
 
     def _ways(self) -> Real:
         """Motions of all bodies `[B, 3, n]` per unit change of each free coordinate."""
@@ -315,8 +318,8 @@ class _Response:
         slope = jax.grad(link.law.stored, argnums=1)
         low, middle, high = np.asarray(jax.vmap(lambda one: slope(own, one))(at))
         stiffness = float(jax.grad(slope, argnums=1)(own, rest))
-        linear = abs(stiffness * s)
-        if max(abs(high - middle - linear), abs(middle - low - linear)) > BENT * linear + 1e-9:
+        linear = stiffness * abs(s)
+        if max(abs(high - middle - linear), abs(middle - low - linear)) > BENT * abs(linear) + 1e-9:
             raise ValueError(
                 f"the elastic force of {link.name} is not linear for the amplitude that linear theory "
                 f"predicts, {abs(s):.3g} {link.ends.unit}: the link becomes slack, or reaches its end stops"

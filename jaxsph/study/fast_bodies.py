@@ -8,13 +8,20 @@ from typing import ClassVar
 import jax.numpy as jnp
 import numpy as np
 
+from jaxsph.case.case import Case
 from jaxsph.case.linear_bodies import SmallMotions, small_motions, why_no_motions
 from jaxsph.case.settling import given_waves
+from jaxsph.errors import CaseError
 from jaxsph.problem.results import amplitude
 from jaxsph.study.fast_theory import AbstractFastTheory, Predictable
 from jaxsph.waves.fast_bodies import BodyAdditions, BodySeries, Dampers, body_response
 
 __all__ = ["BodyTheory"]
+
+STIFFNESS = "stiffness of "
+"""Beginning of the names of the links' stiffnesses among the parameters of `respond`."""
+RESTING = 1e-4
+"""Largest extension of a link at rest with which its stiffness does not displace the bodies, m or rad."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +32,7 @@ class BodyTheory(AbstractFastTheory):
     small: SmallMotions
     """Bodies and links about their equilibrium."""
     dampers: Dampers
-    """Forces of the links against the rates of their extensions."""
+    """Forces of the links."""
 
     power: ClassVar[str] = "P_pto"
 
@@ -48,27 +55,39 @@ class BodyTheory(AbstractFastTheory):
     def of(cls, case, omega):
         """See `AbstractFastTheory`."""
         small = small_motions(case)
-        water = BodySeries.of(small.section, small.bodies, omega, case.fluid.rho0, case.g)
-        return cls(case, water, small, _dampers(small))
+        springs = _springs(case, small)
+        water = BodySeries.of(small.section, small.bodies, springs, omega, case.fluid.rho0, case.g)
+        return cls(case, water, small, _dampers(small, springs))
 
     @classmethod
     def restored(cls, case, series):
         """See `AbstractFastTheory`."""
         small = small_motions(case)
-        water = BodySeries.restored(series, small.section, small.bodies, case.fluid.rho0, case.g)
-        return cls(case, water, small, _dampers(small))
+        springs = _springs(case, small)
+        water = BodySeries.restored(series, small.section, small.bodies, springs, case.fluid.rho0, case.g)
+        return cls(case, water, small, _dampers(small, springs))
 
     @classmethod
     def keys(cls, case):
         """See `AbstractFastTheory`."""
         found = {f"{case.body_key(body)}.pto.damping": name for body, name in case.pto_names.items()}
-        return found | {f"link.{name}.damping": name for name, one in case.link.items() if one.damping}
+        found |= {f"link.{name}.damping": name for name, one in case.link.items() if one.damping}
+        return found | cls.signed(case)
+
+    @classmethod
+    def signed(cls, case):
+        """See `AbstractFastTheory`."""
+        found = {f"{case.body_key(body)}.pto.spring": name for body, name in case.pto_names.items()}
+        taken = (name for name, one in case.link.items() if one.take_off and not one.slack)
+        found |= {f"link.{name}.stiffness": name for name in taken}
+        return {key: STIFFNESS + name for key, name in found.items()}
 
     @classmethod
     def dampings(cls, case):
         """See `AbstractFastTheory`."""
         taken = {*case.pto_names.values(), *(name for name, one in case.link.items() if one.take_off)}
-        return tuple(key for key, name in cls.keys(case).items() if name in taken and case.value(key))
+        keys = cls.keys(case).items() - cls.signed(case).items()
+        return tuple(key for key, name in keys if name in taken and case.value(key))
 
     @property
     def read(self):
@@ -131,8 +150,17 @@ class BodyTheory(AbstractFastTheory):
 
     def respond(self, added, values, waves):
         """See `AbstractFastTheory`."""
-        linear = [values.get(name, c) for name, c in zip(self.small.links, self.dampers.linear, strict=True)]
-        dampers = self.dampers._replace(linear=jnp.stack([*map(jnp.asarray, linear)]))
+        linear, stiffness = [], []
+        for k, link in enumerate(self.small.links):
+            if STIFFNESS + link in values and abs(extension := self.small.extensions[link]) > RESTING:
+                raise CaseError(
+                    f"{link} has the extension {extension:.3g} at rest, so that another stiffness would move "
+                    "the bodies: place its ends such that it has no force at rest, or give `rest`"
+                )
+            linear.append(values.get(link, self.dampers.linear[k]))
+            stiffness.append(values.get(STIFFNESS + link, self.water.springs[k]))
+        changed = [jnp.stack([*map(jnp.asarray, each)]) for each in (linear, stiffness)]
+        dampers = self.dampers._replace(linear=changed[0], stiffness=changed[1])
         return body_response(self.water, added, dampers, waves)
 
     def results(self, response):
@@ -149,12 +177,18 @@ class BodyTheory(AbstractFastTheory):
         return True
 
 
-def _dampers(small: SmallMotions) -> Dampers:
+def _springs(case: Case, small: SmallMotions) -> list[float]:
+    """Stiffness of all links that a model can change; 0 for the others."""
+    given = {name: case.value(key) for key, name in BodyTheory.signed(case).items()}
+    return [given.get(STIFFNESS + link, 0.0) for link in small.links]
+
+
+def _dampers(small: SmallMotions, springs: list[float]) -> Dampers:
     """Forces of links without friction, by their values at two rates."""
     at_one, at_two = (
         np.array([-float(one.force(np.array([v]))[0]) for one in small.bodies.dampings]) for v in (1.0, 2.0)
     )
     quadratic = 0.5 * (at_two - 2.0 * at_one)
     harvests = np.array([*small.links.values()], float)
-    given = (at_one - quadratic, quadratic, harvests)
+    given = (at_one - quadratic, quadratic, harvests, springs)
     return Dampers(*(jnp.asarray(a, jnp.float32) for a in given))

@@ -73,6 +73,12 @@ class AbstractFastTheory(abc.ABC):
     def dampings(cls, case: Case) -> tuple[str, ...]:
         """Parameters of `keys` that differ between the runs of a calibration, besides the waves."""
 
+    @classmethod
+    def signed(cls, case: Case) -> dict[str, str]:
+        """Parameters of `keys` that may be zero or negative; none by default."""
+        del case
+        return {}
+
     @property
     @abc.abstractmethod
     def read(self) -> dict[str, str]:

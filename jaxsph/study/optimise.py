@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -190,15 +190,21 @@ def _reason(outward: np.ndarray, zero: np.ndarray) -> str:
     return "every parameter is at a bound or has a slope of zero within its error"
 
 
-def check_bounds(source: Source, over: Mapping[str, tuple[float, float]]) -> None:
-    """**Raises** CaseError for no bounds, or bounds that are not positive or exclude the source's value."""
+def check_bounds(
+    source: Source, over: Mapping[str, tuple[float, float]], signed: Collection[str] = ()
+) -> None:
+    """**Raises** CaseError for no bounds, or bounds that are not ascending or exclude the source's value.
+
+    The bounds must be positive, except those of parameters in `signed`.
+    """
     if not over:
         raise CaseError("a search needs at least one parameter, with its bounds")
     for name, (low, high) in over.items():
-        value = parameter_value(source, name)
-        if not 0.0 < low < high < np.inf or not low <= value <= high:
+        value, least = parameter_value(source, name), -np.inf if name in signed else 0.0
+        if not least < low < high < np.inf or not low <= value <= high:
+            kind = "finite" if name in signed else "positive"
             raise CaseError(
-                f"{name} from {low:g} to {high:g}: bounds must be positive, ascending and contain the case's "
+                f"{name} from {low:g} to {high:g}: bounds must be {kind}, ascending and contain the case's "
                 f"value, {value:g}"
             )
 

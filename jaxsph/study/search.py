@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -47,7 +47,7 @@ MOVES = 20
 """Largest number of moves of the model to other lengths in one proposal."""
 
 Vector = NDArray[np.float64]
-"""Logarithms of the parameters."""
+"""Parameters in the coordinates of a search."""
 
 
 class PerCost(NamedTuple):
@@ -80,6 +80,29 @@ class _Aim(NamedTuple):
     def worth(self, value: Any, at: Mapping[str, Any]) -> Any:
         """What is maximised, from the result and the parameters."""
         return value if self.cost is None else value / self.cost.cost(at)
+
+
+class _Axes:
+    """Coordinates of a search: logarithms of the parameters; of a parameter that may be zero or negative, its
+    ratio to the larger bound."""
+
+    def __init__(self, over: Mapping[str, tuple[float, float]], signed: Collection[str]) -> None:
+        """Coordinates of parameters within their bounds."""
+        self.names = [*over]
+        self.signed = np.array([name in signed for name in over])
+        self._size = np.array([max(map(abs, pair)) for pair in over.values()])
+        self.bounds = np.stack([self.of(pair) for pair in zip(*over.values(), strict=True)], axis=1)
+
+    def of(self, values: Sequence[float]) -> Vector:
+        """Coordinates of values of the parameters."""
+        given = np.asarray(values, float)
+        return np.where(self.signed, given / self._size, np.log(np.where(self.signed, 1.0, given)))
+
+    def parameters(self, x: Any) -> dict[str, Any]:
+        """Values of the parameters by name; may be traced."""
+        exp = jnp.exp if isinstance(x, jax.Array) else np.exp
+        each = zip(self.names, x, self.signed, self._size, strict=True)
+        return {name: a * size if signed else exp(a) for name, a, signed, size in each}
 
 
 def search(
@@ -178,11 +201,11 @@ class _Proposer:
 
     def __init__(self, aim: _Aim, model: FastModel) -> None:
         """Best parameters by `model`, and by models that differ in the water, the loss and the inertia."""
-        self._names = [*aim.over]
-        self._bounds = np.log([aim.over[name] for name in self._names])
+        self._axes = _Axes(aim.over, model.theory.signed(model.case))
+        self._names, self._bounds = self._axes.names, self._axes.bounds
 
         def value(x: jax.Array, water: Any, added: Any) -> jax.Array:
-            changes = dict(zip(self._names, jnp.exp(x), strict=True))
+            changes = self._axes.parameters(x)
             theory = dataclasses.replace(model.theory, water=water)
             there = dataclasses.replace(model, theory=theory, added=added)
             if aim.table is not None:
@@ -195,10 +218,10 @@ class _Proposer:
     def of_device(self, model: FastModel) -> tuple[float, dict[str, float]]:
         """Largest result of the device of a model's case, and its parameters.
 
-        The lengths are those of the case, and the damping differs by at most `FACTOR`.
+        Lengths and stiffnesses are those of the case, and dampings differ by at most `FACTOR`.
         """
         here = self._values(model.case)
-        fixed = np.array([name in LENGTHS for name in self._names])
+        fixed = np.array([name in LENGTHS for name in self._names]) | self._axes.signed
         low, high = (
             np.where(fixed, here, np.clip(here + change, *self._bounds.T))
             for change in (-np.log(FACTOR), np.log(FACTOR))
@@ -221,11 +244,11 @@ class _Proposer:
         return case
 
     def _values(self, case: Case) -> Vector:
-        """Logarithms of the parameters of a case as it is built."""
-        return np.log([case.built(name) for name in self._names])
+        """Parameters of a case as it is built."""
+        return self._axes.of([case.built(name) for name in self._names])
 
     def _parameters(self, x: Vector) -> dict[str, float]:
-        return dict(zip(self._names, map(float, np.exp(x)), strict=True))
+        return {name: float(value) for name, value in self._axes.parameters(x).items()}
 
     def _known(self, model: FastModel) -> tuple[Vector, Vector]:
         """Part of the bounds in which the response of the water is known."""
@@ -275,10 +298,10 @@ def checked(
     for name in over:
         if name not in keys:
             raise CaseError(f"{name}: a fast model can search in {', '.join(keys)} only")
-    check_bounds(case, over)
+    check_bounds(case, over, kind.signed(case))
     cost = of if isinstance(of, PerCost) else None
     if isinstance(of, PerCost):
-        _check_cost(of, over)
+        _check_cost(of, over, kind.signed(case))
         of = of.of
     if table is not None:
         of, case = kind.power, case.replace(_regular_waves(table))
@@ -291,14 +314,19 @@ def checked(
         for value in np.linspace(low, high, BETWEEN):
             case.replace({name: float(value)})
     check(case, members_around(case))
+    if not kind.signed(case).keys().isdisjoint(over):
+        # refuses stiffnesses that would move the bodies at rest
+        FastModel.of_theory(case).results({name: case.value(name) for name in over})
     return _Aim(over, of, table, cost), case
 
 
-def _check_cost(cost: PerCost, over: Mapping[str, Any]) -> None:
+def _check_cost(cost: PerCost, over: Mapping[str, Any], signed: Collection[str]) -> None:
     """**Raises** CaseError for negative prices, prices of parameters that do not vary, and no cost."""
     for name, price in {"fixed": cost.fixed, **cost.prices}.items():
         if not (math.isfinite(price) and price >= 0.0):
             raise CaseError(f"cost of {name} = {price}: must be a number of at least 0")
+        if name in signed:
+            raise CaseError(f"cost of {name}: this parameter can be negative and has no price; omit it")
         if name != "fixed" and name not in over:
             raise CaseError(f"cost of {name}: the search does not vary it; use {', '.join(over)} or fixed")
     if not any((cost.fixed, *cost.prices.values())):

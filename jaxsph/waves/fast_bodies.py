@@ -14,6 +14,7 @@ takes a fraction of a millisecond and can be differentiated with respect to the 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -50,6 +51,8 @@ class BodySeries(eqx.Module):
     """Damping of moorings, N s/m, N s or N m s per metre of width."""
     ways: Float[Array, "L n"]
     """Changes of the links' extensions per unit change of each coordinate."""
+    springs: Float[Array, " L"]
+    """Stiffness of the links that `stiffness` contains and `Dampers` may change, N/m or N m."""
     depth: float = eqx.field(static=True)
     """Depth of the water, m."""
     rho0: float = eqx.field(static=True)
@@ -59,7 +62,13 @@ class BodySeries(eqx.Module):
 
     @classmethod
     def of(
-        cls, section: Section, bodies: SmallMotion, omega: tuple[float, ...], rho0: float, g: float
+        cls,
+        section: Section,
+        bodies: SmallMotion,
+        springs: Sequence[float],
+        omega: tuple[float, ...],
+        rho0: float,
+        g: float,
     ) -> BodySeries:
         """Series for the ranges of angular frequency between the successive values of omega (rad/s,
         ascending); solves the flow 16 times for each range, in a few seconds."""
@@ -75,18 +84,24 @@ class BodySeries(eqx.Module):
                 found.append(np.concatenate([np.real(values), np.imag(values)]))
             return np.array(found)
 
-        return cls.restored(Series.of(responses, omega), section, bodies, rho0, g)
+        return cls.restored(Series.of(responses, omega), section, bodies, springs, rho0, g)
 
     @classmethod
     def restored(
-        cls, series: Series, section: Section, bodies: SmallMotion, rho0: float, g: float
+        cls,
+        series: Series,
+        section: Section,
+        bodies: SmallMotion,
+        springs: Sequence[float],
+        rho0: float,
+        g: float,
     ) -> BodySeries:
         """Response with series that were found before."""
         n = len(bodies.mass)
-        given = bodies.mass, bodies.stiffness, bodies.damping
         ways = np.reshape([one.way for one in bodies.dampings], (-1, n))
-        mass, stiffness, damping, along = (jnp.asarray(a, jnp.float32) for a in (*given, ways))
-        return cls(series, mass, stiffness, damping, along, section.depth, rho0, g)
+        given = bodies.mass, bodies.stiffness, bodies.damping, ways, springs
+        mass, stiffness, damping, along, own = (jnp.asarray(a, jnp.float32) for a in given)
+        return cls(series, mass, stiffness, damping, along, own, section.depth, rho0, g)
 
     def at(self, omega: Scalar) -> tuple[Array, Array]:
         """Complex radiation impedance `[n, n]` and exciting force per metre of amplitude `[n]`, in the units
@@ -107,7 +122,8 @@ class BodyAdditions(NamedTuple):
 
 
 class Dampers(NamedTuple):
-    """Forces of the links against the rates v of their extensions, c v + q |v| v, per metre of width."""
+    """Forces of the links against their extensions s and the rates v of these, k s + c v + q |v| v, per metre
+    of width."""
 
     linear: Float[Array, " L"]
     """Linear damping c, N s/m or N m s."""
@@ -115,6 +131,8 @@ class Dampers(NamedTuple):
     """Quadratic damping q, N s2/m2 or N m s2."""
     harvests: Float[Array, " L"]
     """1 for a power take-off, 0 for another link."""
+    stiffness: Float[Array, " L"]
+    """Stiffness k in the place of `BodySeries.springs`, N/m or N m."""
 
 
 class BodyResponse(NamedTuple):
@@ -139,10 +157,12 @@ def body_response(water: BodySeries, added: BodyAdditions, dampers: Dampers, wav
     """Response of bodies to incident waves."""
     omega = waves.omega
     impedance, force = jax.vmap(water.at)(omega)
-    drag, more = (jnp.asarray(jnp.stack([*map(jnp.asarray, a)]), jnp.float32) for a in added)
-    mass = water.mass + jnp.diag(more * jnp.diag(water.mass))
+    drag, inertia = (jnp.asarray(jnp.stack([*map(jnp.asarray, a)]), jnp.float32) for a in added)
+    mass = water.mass + jnp.diag(inertia * jnp.diag(water.mass))
     w = omega[:, None, None]
-    fixed = water.stiffness - w**2 * mass - 1j * w * (water.damping + impedance)
+    more = dampers.stiffness - water.springs
+    stiffness = water.stiffness + water.ways.T @ (more[:, None] * water.ways)
+    fixed = stiffness - w**2 * mass - 1j * w * (water.damping + impedance)
     driven = force * waves.amplitude[:, None]
 
     def coordinates(sizes: tuple[Array, Array]) -> Array:
