@@ -209,6 +209,19 @@ def test_seas_and_devices_beyond_a_model_are_refused():
         matrix.annual(far, FastModel.of_theory(js.load_case("buoy_heave")))
 
 
+def test_a_matrix_of_a_buoy_takes_its_model():
+    """Linear theory of bodies needs regular waves, which the case of a matrix does not have."""
+    buoy = js.load_case("buoy_heave")
+    model = FastModel.of_theory(buoy, (1.1, 1.3))
+    P = np.array([float(model.results({"waves.Hs": 0.03, "waves.Tp": T})["P_pto"]) for T in (1.1, 1.3)])
+    axes = {"waves.Hs": np.array([0.03]), "waves.Tp": np.array([1.1, 1.3]), "waves.seed": np.arange(1)}
+    sea = buoy.replace({"waves": {"kind": "irregular", "Hs": 0.03, "Tp": 1.2}})
+    results = {"P_pto": 1.1 * P.reshape(1, 2, 1), "P_inc": np.ones((1, 2, 1))}
+    table = js.ScatterTable(np.array([0.03]), np.array([1.2]), np.array([1.0]))
+    found = matrix_of(js.Sweep(sea, axes, results, {}, {})).annual(table, model)
+    assert found.value == pytest.approx(1.1 * float(model.annual(table)), rel=1e-5)
+
+
 def test_the_error_of_the_spacing_is_that_of_the_members_which_have_limits():
     """Limits that are 3 % smaller, with an error of 4 %: together 5 %."""
     done = a_sweep(like_the_model(0.0))

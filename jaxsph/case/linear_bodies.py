@@ -138,14 +138,12 @@ def linear_motions(case: Sections) -> LinearMotions:
     assumes that the paddle absorbs all waves that return to it. Results are cached. **Raises** CaseError,
     with the reason, for a case that linear theory does not cover.
     """
-    return _found(type(case), case.model_dump_json(exclude_none=True))
+    return _found(type(case), case.model_dump_json(exclude_none=True))[0]
 
 
 def small_motions(case: Sections) -> SmallMotions:
     """Bodies and links of a case about their equilibrium. **Raises** CaseError as `linear_motions`."""
-    linear_motions(case)
-    with jax.enable_x64(True):
-        return _Response(case, Resting(case, Geometry.of(case))).small()
+    return _found(type(case), case.model_dump_json(exclude_none=True))[1]
 
 
 def why_no_motions(case: Sections) -> str:
@@ -159,8 +157,8 @@ def why_no_motions(case: Sections) -> str:
 
 
 @functools.lru_cache(maxsize=16)
-def _found(of: type[Sections], text: str) -> LinearMotions:
-    """`linear_motions` of a case from its JSON text."""
+def _found(of: type[Sections], text: str) -> tuple[LinearMotions, SmallMotions]:
+    """`linear_motions` and `small_motions` of a case from its JSON text."""
     case = of.model_validate_json(text)
     if reason := _not_covered(case):
         raise CaseError(reason)
@@ -169,7 +167,9 @@ def _found(of: type[Sections], text: str) -> LinearMotions:
         raise CaseError(reason)
     try:
         with jax.enable_x64(True):
-            return _Response(case, Resting(case, geometry)).found()
+            response = _Response(case, Resting(case, geometry))
+            small = response.small()
+            return response.found(small), small
     except ValueError as error:
         raise CaseError(str(error)) from None
 
@@ -232,9 +232,9 @@ class _Response:
         """Response of a case's bodies to its waves; `resting`: the bodies at their equilibrium."""
         self.case, self.resting = case, resting
 
-    def found(self) -> LinearMotions:
+    def found(self, small: SmallMotions) -> LinearMotions:
         """Response to the case's waves. **Raises** ValueError if linear theory does not cover the case."""
-        case, small, waves = self.case, self.small(), given_waves(self.case)
+        case, waves = self.case, given_waves(self.case)
         water = hydrodynamics(small.section, 2.0 * np.pi / waves.period, case.fluid.rho0, case.g)
         found = linear_motion(water, small.bodies, waves.height)
         return self._named(found, self._ways() @ found.coordinates, list(small.links))

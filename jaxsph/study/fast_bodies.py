@@ -13,7 +13,7 @@ from jaxsph.case.linear_bodies import SmallMotions, small_motions, why_no_motion
 from jaxsph.case.settling import given_waves
 from jaxsph.errors import CaseError
 from jaxsph.problem.results import amplitude
-from jaxsph.study.fast_theory import AbstractFastTheory, Predictable
+from jaxsph.study.fast_theory import AbstractFastTheory, Fitted, Predictable
 from jaxsph.waves.fast_bodies import BodyAdditions, BodySeries, Dampers, body_response
 
 __all__ = ["BodyTheory"]
@@ -86,8 +86,9 @@ class BodyTheory(AbstractFastTheory):
     def dampings(cls, case):
         """See `AbstractFastTheory`."""
         taken = {*case.pto_names.values(), *(name for name, one in case.link.items() if one.take_off)}
-        keys = cls.keys(case).items() - cls.signed(case).items()
-        return tuple(key for key, name in keys if name in taken and case.value(key))
+        signed = cls.signed(case)
+        keys = {key: name for key, name in cls.keys(case).items() if key not in signed}
+        return tuple(key for key, name in keys.items() if name in taken and case.value(key))
 
     @property
     def read(self):
@@ -117,7 +118,7 @@ class BodyTheory(AbstractFastTheory):
         rate = 0.5 * waves.height * np.abs(np.asarray(force)) / np.maximum(radiated, 1e-9)
         drag = tuple(float(a) for a in radiated / np.maximum(rate, 1e-9))
         none = (0.0,) * n
-        return (
+        return Fitted(
             BodyAdditions(drag, none),
             BodyAdditions(drag, (0.1,) * n),
             BodyAdditions(none, (-0.5,) * n),

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from jaxsph.case.linear import chamber_geometry, linear_air, why_no_theory
 from jaxsph.problem.results import amplitude
-from jaxsph.study.fast_theory import AbstractFastTheory, Predictable
+from jaxsph.study.fast_theory import AbstractFastTheory, Fitted, Predictable
 from jaxsph.waves.fast_owc import SHARE, Additions, Air, WaterSeries, fast_response
 
 __all__ = ["DAMPING", "LENGTHS", "ColumnTheory"]
@@ -81,7 +81,8 @@ class ColumnTheory(AbstractFastTheory):
     @property
     def additions(self):
         """See `AbstractFastTheory`."""
-        return Additions(1.0, 0.0), Additions(1.0, 0.1), Additions(0.0, -0.5), Additions(jnp.inf, 2.0)
+        low, high = Additions(0.0, -0.5), Additions(jnp.inf, 2.0)
+        return Fitted(Additions(1.0, 0.0), Additions(1.0, 0.1), low, high)
 
     def additions_from(self, given):
         """See `AbstractFastTheory`."""

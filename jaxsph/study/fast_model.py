@@ -93,7 +93,7 @@ class FastModel:
         low, high = periods or 2 * (case.value("waves.T"),)
         reach = PERIODS[2] * high, PERIODS[1] * low, PERIODS[0] * low
         theory = kind_of(case).of(case, tuple(2.0 * math.pi / T for T in reach))
-        none = jax.tree.map(lambda _: 0.0, theory.additions[0])
+        none = jax.tree.map(lambda _: 0.0, theory.additions.start)
         return cls(theory, none, none, ())
 
     def response(self, changes: Mapping[str, ArrayLike] = {}) -> Any:
@@ -146,10 +146,13 @@ class FastModel:
         return jnp.asarray(table.share[used]) @ found
 
     def moved(self, case: Case) -> FastModel:
-        """The model of a case with another device of the same kind; the additions stay.
+        """The model of a case with another device of the same kind; the additions stay, and also the waves if
+        those of the case are not regular.
 
         **Raises** CaseError for another kind of device, or one without linear theory.
         """
+        if case.waves is None or case.waves.kind != "regular":
+            case = case.model_copy(update={"waves": self.case.waves})
         if type(self.theory) is not kind_of(case):
             raise CaseError(f"the fast model of {self.case.name!r} is that of another kind of device")
         if missing := kind_of(case).why_not(case):

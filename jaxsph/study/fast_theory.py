@@ -13,7 +13,7 @@ from jaxsph.case.case import Case
 from jaxsph.core.chebyshev import Series
 from jaxsph.waves.fast_owc import Incident
 
-__all__ = ["AbstractFastTheory", "Predictable", "Values"]
+__all__ = ["AbstractFastTheory", "Fitted", "Predictable", "Values"]
 
 Values = Mapping[str, Any]
 """Numbers or traced values by name."""
@@ -27,6 +27,17 @@ class Predictable(NamedTuple):
     """Unit per metre of width; empty for a ratio."""
     like: str
     """Result of the runs whose relative error it has, by the names in `AbstractFastTheory.read`."""
+
+
+class Fitted(NamedTuple):
+    """How additions are fitted to runs; each field has the form of the additions."""
+
+    start: Any
+    """Values from which a fit starts."""
+    scale: Any
+    """Typical sizes."""
+    low: Any
+    high: Any
 
 
 @dataclass(frozen=True)
@@ -91,8 +102,8 @@ class AbstractFastTheory(abc.ABC):
 
     @property
     @abc.abstractmethod
-    def additions(self) -> tuple[Any, Any, Any, Any]:
-        """Additions from which a fit starts; their typical sizes, least and largest values."""
+    def additions(self) -> Fitted:
+        """How the additions are fitted."""
 
     @abc.abstractmethod
     def additions_from(self, given: Values) -> Any:

@@ -142,7 +142,7 @@ class PowerMatrix:
 def _of_model(model: FastModel, seas: NDArray) -> NDArray[np.float64]:
     """Powers of a fast model in seas `[S, 2]` (m, s). **Raises** CaseError outside the model's range."""
     changes = {"waves.Hs": jnp.asarray(seas[:, 0]), "waves.Tp": jnp.asarray(seas[:, 1])}
-    found = np.asarray(jax.vmap(model.results)(changes)[model.theory.power], float)
+    found = np.asarray(jax.jit(jax.vmap(model.results))(changes)[model.theory.power], float)
     if not np.all(np.isfinite(found)):
         Hs, Tp = seas[np.argmin(np.isfinite(found))]
         raise CaseError(

@@ -26,14 +26,11 @@ from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.core.chebyshev import Series
 from jaxsph.core.roots import fixed_point
 from jaxsph.waves import theory
-from jaxsph.waves.fast_owc import ITERATIONS, Incident
+from jaxsph.waves.fast_owc import ITERATIONS, Incident, amplitudes
 from jaxsph.waves.linear_bodies import SmallMotion
 from jaxsph.waves.panels import Section, hydrodynamics
 
 __all__ = ["BodyAdditions", "BodyResponse", "BodySeries", "Dampers", "body_response"]
-
-TINY = 1e-24
-"""Square of a rate at which its square root is still differentiable, m2/s2."""
 
 
 class BodySeries(eqx.Module):
@@ -176,7 +173,7 @@ def body_response(water: BodySeries, added: BodyAdditions, dampers: Dampers, wav
     def rates(xi: Array) -> tuple[Array, Array]:
         """Sizes of the rates of links and coordinates: amplitudes, or sqrt(2) standard deviations."""
         each = omega[:, None] * xi
-        return _sizes(each @ water.ways.T), _sizes(each)
+        return amplitudes(each @ water.ways.T), amplitudes(each)
 
     def step(sizes: tuple[Array, Array]) -> tuple[Array, Array]:
         # if a damping grows by a factor, its rate falls by at most this factor, so that the mean converges
@@ -192,8 +189,3 @@ def body_response(water: BodySeries, added: BodyAdditions, dampers: Dampers, wav
     P_inc = jnp.sum(theory.incident_power(H, T, water.depth, water.rho0, water.g))
     P_lost = 0.5 * waves.law.equal * jnp.sum(drag * own**3)
     return BodyResponse(P_pto / P_inc, P_pto, P_inc, xi, P_lost)
-
-
-def _sizes(a: Array) -> Array:
-    """Amplitudes of waves, or sqrt(2) times the standard deviations of sums of waves, over the first axis."""
-    return jnp.sqrt(jnp.sum(jnp.real(a) ** 2 + jnp.imag(a) ** 2, axis=0) + TINY)

@@ -37,6 +37,8 @@ LENGTHS = ("draught", "length", "thickness")
 """Lengths of a `ChamberGeometry` that may change."""
 SHARE = 0.1
 """Change of each length at which the water's response is solved besides the given one, relative to it (-)."""
+TINY = 1e-24
+"""Square of a size at which its square root is still differentiable."""
 COMPONENTS = 93
 """Number of waves of a sea."""
 ITERATIONS = 26
@@ -234,14 +236,14 @@ def fast_response(
         P_inc=P_inc,
         flow=column,
         P_a=jnp.sqrt(P_a),
-        level=_size(flow / (omega * b)),
+        level=amplitudes(flow / (omega * b)),
         P_lost=0.5 * circuit.lip * column**3,
     )
 
 
-def _size(a: Array) -> Array:
-    """Amplitude of a wave, or sqrt(2) times the standard deviation of a sum of waves."""
-    return jnp.sqrt(jnp.sum(jnp.real(a) ** 2 + jnp.imag(a) ** 2))
+def amplitudes(a: Array) -> Array:
+    """Amplitudes of waves, or sqrt(2) times the standard deviations of sums of waves, over the first axis."""
+    return jnp.sqrt(jnp.sum(jnp.real(a) ** 2 + jnp.imag(a) ** 2, axis=0) + TINY)
 
 
 class _Circuit(NamedTuple):
@@ -280,7 +282,7 @@ class _Circuit(NamedTuple):
 
         def step(sizes: tuple[Array, Array]) -> tuple[Array, Array]:
             through, column = self.flows(*sizes)
-            return jnp.sqrt(sizes[0] * _size(through)), jnp.sqrt(sizes[1] * _size(column))
+            return jnp.sqrt(sizes[0] * amplitudes(through)), jnp.sqrt(sizes[1] * amplitudes(column))
 
-        open_chamber = _size(self.drive)
+        open_chamber = amplitudes(self.drive)
         return fixed_point(step, (open_chamber, open_chamber), ITERATIONS)
