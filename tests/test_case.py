@@ -584,6 +584,15 @@ def test_long_samples_and_gauges_beside_solids_have_a_notice(changes, notice):
     assert not any(re.search("sample_dt|is there", note) for note in OWC.notices())
 
 
+def test_a_sponge_that_is_shorter_than_the_waves_has_a_notice():
+    short = js.load_case("flap_2d")
+    assert any(
+        "sponge.length = 3.5 m: waves with a period of 2 s are 4.18 m long" in n for n in short.notices()
+    )
+    for change in ({"tank.length": 13.0, "sponge.length": 4.2}, {"waves.T": 1.7}):
+        assert not any("sponge" in note for note in short.replace(change).notices())
+
+
 @pytest.mark.parametrize("key", sorted(EXPECTED))
 def test_a_key_that_users_expect_is_answered_with_what_there_is(key):
     """And every key that the answer names exists."""

@@ -12,6 +12,7 @@ import jaxsph as js
 from jaxsph.cli.app import app
 from jaxsph.output.plot.matrix import draw_matrix
 from jaxsph.output.sweep_file import Meanings, SweepFile
+from jaxsph.report.labels import with_error_in_words
 from jaxsph.report.pack import Pack
 from jaxsph.report.sweeps import sweep_content
 from jaxsph.study.fast_model import FastModel
@@ -334,12 +335,12 @@ def test_the_command_makes_a_matrix_and_goes_on(tmp_path, monkeypatch):
         asked["Hs"] == [0.02, 0.04] and asked["Tp"] == pytest.approx([1.2, 1.4, 1.6]) and asked["seeds"] == 2
     )
     assert "Hs = 0.04 m, Tp = 1.6 s" in done.output and "linear theory" in done.output
-    assert re.search(r"mean over the year +0.5 \+- 0.5 W/m", done.output)
+    assert re.search(r"mean over the year +0.50 ± 0.50 W/m", done.output)
     assert re.search(r"error due to the random seas +0.5 W/m", done.output)
-    assert re.search(r"energy in 8,766 h +0.00438 \+- 0.004 MWh/m", done.output)
+    assert re.search(r"energy in 8,766 h +0.0044 ± 0.0044 MWh/m", done.output)
     assert (tmp_path / "m_plots" / "matrix.png").exists()
     answer = sweep_content(SweepFile(tmp_path / "m.h5"), Pack())["answer"]
-    assert answer["label"] == "mean power over the year" and answer["value"] == "0.5 ± 0.5"
+    assert answer["label"] == "mean power over the year" and answer["value"] == "0.50 ± 0.50"
     assert (tmp_path / "m.html").exists()
 
 
@@ -364,10 +365,10 @@ def test_the_command_takes_a_table_of_a_site_and_a_model(tmp_path, monkeypatch):
     one = js.ScatterTable(np.array([0.03]), np.array([1.3]), np.array([1.0]))
     year = matrix_of(a_sweep(like_the_model(0.1))).annual(one, a_model())
     for label, text in (
-        ("mean over the year", f"{year.value:.3g}"),
+        ("mean over the year", with_error_in_words(year.value, year.error)),
         ("error in sea states without runs", f"{year.between:.1g}"),
-        ("the same at 4 times the lengths", f"{32.0 * year.value:.3g}"),
-        ("energy in 8,766 h", f"{32.0 * 8766e-6 * year.value:.3g}"),
+        ("the same at 4 times the lengths", with_error_in_words(32.0 * year.value, 32.0 * year.error)),
+        ("energy in 8,766 h", with_error_in_words(*(32.0 * 8766e-6 * a for a in (year.value, year.error)))),
     ):
         assert re.search(rf"{label} +{text} ", done.output), f"{label}: {text}"
     for options, words in (

@@ -18,10 +18,12 @@ from experiments.common import RUNS, Report
 DAMPING, STIFFNESS = "link.take_off.damping", "link.take_off.stiffness"
 BOUNDS = {DAMPING: (30.0, 600.0), STIFFNESS: (-1600.0, 200.0)}
 """Bounds of the damping (N s/m) and the stiffness (N/m) per metre of width."""
-TABLE = js.ScatterTable(np.full(3, 0.03), np.array([1.2, 1.35, 1.5]), np.full(3, 1.0 / 3.0))
+HS = 0.05
+"""Significant wave height, m."""
+TABLE = js.ScatterTable(np.full(3, HS), np.array([1.2, 1.35, 1.5]), np.full(3, 1.0 / 3.0))
 """Seas of equal shares; invented for this experiment."""
-SEA = {"waves": {"kind": "irregular", "Hs": 0.03, "Tp": 1.2, "duration": 60.0}, "t1": 75.0}
-"""The same sixty seconds of each sea for every device; times in s."""
+SEA = {"waves": {"kind": "irregular", "Hs": HS, "Tp": 1.2, "duration": 48.0}, "t1": 62.0}
+"""Each sea repeats after thirty to forty waves, and is the same for every device; times in s."""
 
 
 class _Law(NamedTuple):
@@ -75,7 +77,7 @@ def _law(dx: float, name: str, bounds: dict[str, tuple[float, float]], workers: 
     law = {key: found.case.value(key) for key in BOUNDS}
     path = RUNS / f"reactive_control_{name}_{dx:g}_seas.h5"
     sea = js.load_case("buoy_heave").replace({"dx": dx, **SEA, **law})
-    matrix = js.power_matrix(sea, [0.03], TABLE.Tp.tolist(), path, workers=workers)
+    matrix = js.power_matrix(sea, [HS], TABLE.Tp.tolist(), path, workers=workers)
     return _Law(found, sum(len(model.runs) for model in models), matrix)
 
 

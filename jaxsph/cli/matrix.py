@@ -26,6 +26,7 @@ from jaxsph.cli.terminal import INTERRUPTED, messages, print_table, write_page
 from jaxsph.errors import CaseError
 from jaxsph.output.sweep_file import SweepFile
 from jaxsph.report.froude import factor
+from jaxsph.report.labels import with_error_in_words
 
 
 def matrix(
@@ -134,8 +135,13 @@ def _year(done: Any, scatter: Any, fast: Any, scale: float, out: Path) -> list[t
     else:
         theory = float(fast.moved(done.sweep.case).linear.annual(scatter))
     linear = "" if math.isnan(theory) else f"{theory:.3g}"
-    value = _with_error(mean, 1.0)
-    answer = {"label": f"mean power over the {over}", "value": value.replace("+-", "±")}
+    full = factor(done.unit, scale)
+    # at the scale of the case and of the table, and the energy at the latter
+    value, at_scale, energy = (
+        with_error_in_words(times * mean.value, times * mean.error)
+        for times in (1.0, full, full * hours * 1e-6)
+    )
+    answer = {"label": f"mean power over the {over}", "value": value}
     SweepFile(out).conclude(answer | {"unit": done.unit, "expected": linear, "note": ""})
     rows = [(f"mean over the {over}", f"{value} {done.unit}{linear and f'; linear theory {linear}'}")]
     origins = {
@@ -144,17 +150,8 @@ def _year(done: Any, scatter: Any, fast: Any, scale: float, out: Path) -> list[t
         "  error due to the spacing": mean.spacing,
     }
     rows += [(label, f"{error:.1g} {done.unit}") for label, error in origins.items() if error > 0.0]
-    full = factor(done.unit, scale)
-    if scale != 1.0:
-        rows.append((f"the same at {scale:g} times the lengths", f"{_with_error(mean, full)} {done.unit}"))
-    energy = f"{_with_error(mean, full * hours * 1e-6)} {done.unit.replace('W', 'MWh')}"
-    return [*rows, (f"energy in {hours:,.0f} h", energy)]
-
-
-def _with_error(mean: Any, times: float) -> str:
-    """Text of a value and its error if that is known, multiplied by a factor."""
-    error = "" if math.isnan(mean.error) else f" +- {times * mean.error:.1g}"
-    return f"{times * mean.value:.3g}{error}"
+    rows += [(f"the same at {scale:g} times the lengths", f"{at_scale} {done.unit}")] if scale != 1.0 else []
+    return [*rows, (f"energy in {hours:,.0f} h", f"{energy} {done.unit.replace('W', 'MWh')}")]
 
 
 def _matrix_rows(done: Any) -> list[tuple[str, str]]:
