@@ -104,6 +104,23 @@ class Report:
         self.row(check, here, unit, theory=theory, bar=words, passes=passes)
         self.row("the same: deviation from theory", 100 * off, "%")
 
+    def predictions(
+        self, what: str, model: np.ndarray, theory: np.ndarray, stated: float, bar: float
+    ) -> None:
+        """Adds the errors of a fast model in twelve runs that it has not seen, and those of linear theory, %.
+
+        `model`, `theory`: relative errors of both in the runs (-); `stated`: the error that the model states
+        (-); `bar`: limit of the mean error of the model, %.
+        """
+        mean, without = (100.0 * float(np.sqrt(np.mean(off**2))) for off in (model, theory))
+        largest, others = (100.0 * float(np.abs(off).max()) for off in (model, theory))
+        first = f"{what}: error of the model, root mean square of twelve runs"
+        self.row(first, mean, "%", bar=f"at most {bar:g}", passes=mean <= bar)
+        self.row(f"{what}: largest error of the model", largest, "%")
+        self.row(f"{what}: error that the model states", 100.0 * stated, "%")
+        self.row(f"{what}: error of linear theory", without, "%")
+        self.row(f"{what}: largest error of linear theory", others, "%")
+
     def picture(self, figure: Figure, suffix: str = "") -> None:
         """Saves a figure as `<name><suffix>.png` in the folder of the rows."""
         self.folder.mkdir(parents=True, exist_ok=True)

@@ -85,22 +85,9 @@ def main(device: str = "buoy", dx: float = 0.02) -> None:
         theory = jax.vmap(js.FastModel.of_theory(case, (min(one.T), max(one.T))).results)(given)
         names = {"power": model.theory.power, "motion": one.motion}
         for label, result in names.items():
-            off, without = (
-                100.0 * (np.asarray(a[result]) / unseen[model.theory.read[result]] - 1.0)
-                for a in (found, theory)
-            )
-            mean, bar = float(np.sqrt(np.mean(off**2))), BARS[label]
-            report.row(
-                f"{label}: error of the model, root mean square of twelve runs",
-                mean,
-                "%",
-                bar=f"at most {bar:g}",
-                passes=mean <= bar,
-            )
-            report.row(f"{label}: largest error of the model", float(np.abs(off).max()), "%")
-            report.row(f"{label}: error that the model states", 100.0 * model.error[result], "%")
-            report.row(f"{label}: error of linear theory", float(np.sqrt(np.mean(without**2))), "%")
-            report.row(f"{label}: largest error of linear theory", float(np.abs(without).max()), "%")
+            here = unseen[model.theory.read[result]]
+            off, without = (np.asarray(a[result]) / here - 1.0 for a in (found, theory))
+            report.predictions(label, off, without, model.error[result], BARS[label])
         report.picture(_picture(model, names, unseen, found, theory))
 
 

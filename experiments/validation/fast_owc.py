@@ -52,21 +52,8 @@ def main(dx: float = 0.01) -> None:
         found = jax.vmap(model.response)(changes)
         theory = jax.vmap(js.FastModel.of_theory(case, (1.0, 1.6)).response)(changes)
         for name, of in model.theory.read.items():
-            off, without = (
-                100.0 * (np.asarray(getattr(a, name)) / unseen[of] - 1.0) for a in (found, theory)
-            )
-            mean, label = float(np.sqrt(np.mean(off**2))), LABELS[name]
-            report.row(
-                f"{label}: error of the model, root mean square of twelve runs",
-                mean,
-                "%",
-                bar=f"at most {BAR:g}",
-                passes=mean <= BAR,
-            )
-            report.row(f"{label}: largest error of the model", float(np.abs(off).max()), "%")
-            report.row(f"{label}: error that the model states", 100.0 * model.error[name], "%")
-            report.row(f"{label}: error of linear theory", float(np.sqrt(np.mean(without**2))), "%")
-            report.row(f"{label}: largest error of linear theory", float(np.abs(without).max()), "%")
+            off, without = (np.asarray(getattr(a, name)) / unseen[of] - 1.0 for a in (found, theory))
+            report.predictions(LABELS[name], off, without, model.error[name], BAR)
         answer = _time_of_an_answer(model)
         report.row("time of an answer", answer, "ms", bar="at most 5", passes=answer <= 5.0)
         report.picture(_picture(unseen, model.theory.read, found, theory))
