@@ -190,6 +190,7 @@ LONG = {"case.assemble.assemble": "an argument and a line for each thing that a 
 """Functions of more than 60 lines, and why."""
 WIDE = {
     "case.assemble.assemble": "keywords, one for each kind of part and each number",
+    "cli.calibration.calibrate": "an argument for each option of the command",
     "cli.coefficients.coefficients": "an argument for each option of the command",
     "cli.running.resume": "an argument for each option of the command",
     "cli.running.run": "an argument for each option of the command",

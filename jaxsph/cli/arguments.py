@@ -114,6 +114,14 @@ Workers = Annotated[int | None, typer.Option(help="Number of runs at a time; def
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 
 
+Table = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="CSV", help="Scatter table of Hs, Tp and share or hours, for the mean power over its seas."
+    ),
+]
+
+
 Scale = Annotated[
     float,
     typer.Option(help="Lengths at the site of --table over those of the case (Froude's law), e.g. 40."),

@@ -16,6 +16,7 @@ from jaxsph.cli.arguments import (
     Quiet,
     Scale,
     Settings,
+    Table,
     Workers,
     each_once,
     load,
@@ -101,13 +102,7 @@ def predict(
             help="Values of one parameter: KEY=0.02,0.04 or KEY=first:last:count. Repeatable.",
         ),
     ] = None,
-    table: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="CSV",
-            help="Scatter table of Hs, Tp and share or hours: predict the mean power over its seas.",
-        ),
-    ] = None,
+    table: Table = None,
     scale: Scale = 1.0,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="FILE", help="CSV file for all predictions.")

@@ -16,6 +16,7 @@ from jaxsph.cli.arguments import (
     Quiet,
     Scale,
     Settings,
+    Table,
     load,
     table_of,
     values_of,
@@ -28,32 +29,29 @@ from jaxsph.output.sweep_file import SweepFile
 from jaxsph.report.froude import factor
 from jaxsph.report.labels import with_error_in_words
 
+Heights = Annotated[
+    str,
+    typer.Option(
+        "--hs", metavar="VALUES", help="Significant wave heights, m: 0.02,0.04 or first:last:count."
+    ),
+]
+Periods = Annotated[
+    str, typer.Option("--tp", metavar="VALUES", help="Peak periods, s: 1.2,1.4 or first:last:count.")
+]
+
+Seeds = Annotated[int, typer.Option(help="Number of random seas per sea state; more seas reduce the error.")]
+
 
 def matrix(
     case: CaseName,
-    heights: Annotated[
-        str,
-        typer.Option(
-            "--hs", metavar="VALUES", help="Significant wave heights, m: 0.02,0.04 or first:last:count."
-        ),
-    ],
-    periods: Annotated[
-        str, typer.Option("--tp", metavar="VALUES", help="Peak periods, s: 1.2,1.4 or first:last:count.")
-    ],
-    seeds: Annotated[
-        int, typer.Option(help="Number of random seas per sea state; more seas reduce the error.")
-    ] = 1,
-    table: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="CSV", help="Scatter table with columns Hs, Tp and share or hours, for the annual mean."
-        ),
-    ] = None,
+    heights: Heights,
+    periods: Periods,
+    seeds: Seeds = 1,
+    table: Table = None,
     model: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE",
-            help="Fast model of the device (jaxsph calibrate), for sea states of --table without runs.",
+            metavar="FILE", help="Fast model of the device, for sea states of --table without runs."
         ),
     ] = None,
     scale: Scale = 1.0,
@@ -76,7 +74,8 @@ def matrix(
 
     with messages(INTERRUPTED), cluster(scheduler) as executor:
         loaded = load(case, settings, quick, t1)
-        scatter, fast = table_of(table, scale), _model(model, table)
+        scatter = table_of(table, scale)
+        fast = _model(model, loaded, scatter)
         Hs, Tp = (
             values_of(f"{name}={text}", f"--{name}")[1] for name, text in (("hs", heights), ("tp", periods))
         )
@@ -92,14 +91,7 @@ def matrix(
         print_errors(done.sweep, places, out, None, quiet)
         if places:
             done = matrix_of(js.read_sweep(out))
-        rows, unknown = _matrix_rows(done), None
-        if scatter is not None:
-            try:
-                rows += _year(done, scatter, fast, scale, out)
-            except CaseError as found:
-                # everything else is printed and written first
-                unknown = found
-        print_table(rows)
+        unknown = _print_matrix(done, scatter, fast, scale, out)
         typer.echo(f"recorded in {out}")
         if not quiet:
             doubt(loaded, done.sweep)
@@ -110,15 +102,35 @@ def matrix(
         end_with_failures(done.sweep, unknown)
 
 
-def _model(path: Path | None, table: Path | None) -> Any:
-    """Fast model from its file; None without one. **Raises** CaseError for a model without a table."""
+def _model(path: Path | None, case: Any, scatter: Any) -> Any:
+    """Fast model from its file; None without one. **Raises** CaseError, before any run, for a model without a
+    table, or one that does not suit the case or the table."""
     from jaxsph.study.fast_model import FastModel
+    from jaxsph.study.matrix import powers_of_model
 
     if path is None:
         return None
-    if table is None:
+    if scatter is None:
         raise CaseError(f"--model {path}: needs --table, as the model is for sea states without runs")
-    return FastModel.read(path)
+    model = FastModel.read(path)
+    powers_of_model(model.moved(case), scatter.Hs[scatter.share > 0.0], scatter.Tp[scatter.share > 0.0])
+    return model
+
+
+def _print_matrix(done: Any, scatter: Any, fast: Any, scale: float, out: Path) -> CaseError | None:
+    """Prints the power of each sea state, and the mean over the scatter table if there is one.
+
+    The other arguments are those of `_year`. **Returns** the error if this mean is unknown, so that
+    everything else can be printed and written first.
+    """
+    rows, unknown = _matrix_rows(done), None
+    if scatter is not None:
+        try:
+            rows += _year(done, scatter, fast, scale, out)
+        except CaseError as found:
+            unknown = found
+    print_table(rows)
+    return unknown
 
 
 def _year(done: Any, scatter: Any, fast: Any, scale: float, out: Path) -> list[tuple[str, str]]:

@@ -18,6 +18,7 @@ from jaxsph.cli.arguments import (
     Quiet,
     Scale,
     Settings,
+    Table,
     Way,
     bounds_of,
     each_once,
@@ -121,10 +122,7 @@ def optimise(  # its arguments are the options of the command
         float, typer.Option(help="Largest change of the parameter to either side, as a share of its value.")
     ] = 0.3,
     evaluations: Annotated[int, typer.Option(help="Largest number of points or devices that are run.")] = 10,
-    table: Annotated[
-        Path | None,
-        typer.Option(metavar="CSV", help="Scatter table of Hs, Tp and share or hours, for the annual power."),
-    ] = None,
+    table: Table = None,
     scale: Scale = 1.0,
     cost: Costs = None,
     settings: Settings = None,

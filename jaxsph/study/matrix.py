@@ -92,7 +92,8 @@ class PowerMatrix:
             usual, here = np.ones(self.P.shape), np.ones(len(seas))
         else:
             model = model.moved(self.sweep.case)
-            usual, here = _of_model(model, cells).reshape(self.P.shape), _of_model(model, seas)
+            usual = powers_of_model(model, *cells.T).reshape(self.P.shape)
+            here = powers_of_model(model, *seas.T)
         weight = self._weights(seas, share * here)
         missing = np.argwhere(~np.isfinite(self.P) & (weight > 0.0))
         if missing.size:
@@ -139,15 +140,15 @@ class PowerMatrix:
         return float(np.sqrt(np.nanmean(off**2)))
 
 
-def _of_model(model: FastModel, seas: NDArray) -> NDArray[np.float64]:
-    """Powers of a fast model in seas `[S, 2]` (m, s). **Raises** CaseError outside the model's range."""
-    changes = {"waves.Hs": jnp.asarray(seas[:, 0]), "waves.Tp": jnp.asarray(seas[:, 1])}
-    found = np.asarray(jax.jit(jax.vmap(model.results))(changes)[model.theory.power], float)
+def powers_of_model(model: FastModel, Hs: NDArray, Tp: NDArray) -> NDArray[np.float64]:
+    """Powers of a fast model in seas, W/m. **Raises** CaseError outside the model's range of periods."""
+    results = jax.jit(jax.vmap(model.results))({"waves.Hs": jnp.asarray(Hs), "waves.Tp": jnp.asarray(Tp)})
+    found = np.asarray(results[model.theory.power], float)
     if not np.all(np.isfinite(found)):
-        Hs, Tp = seas[np.argmin(np.isfinite(found))]
+        k = np.argmin(np.isfinite(found))
         raise CaseError(
-            f"the fast model has no power at Hs = {Hs:g} m, Tp = {Tp:g} s, which is outside its range of "
-            "periods: calibrate it with runs of such periods, or remove this sea state from the table"
+            f"the fast model has no power at Hs = {Hs[k]:g} m, Tp = {Tp[k]:g} s, which is outside its range "
+            "of periods: calibrate it with runs of such periods, or remove this sea state from the table"
         )
     return found
 
