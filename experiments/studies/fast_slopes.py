@@ -72,7 +72,7 @@ def _compare(report: Report, model: js.FastModel, found: js.Derivative, axis: Ax
         bar="at most 2",
         passes=apart <= 2.0,
     )
-    for name in ("parabola, runs within 30 %", "polynomial of degree five"):
+    for name in ("parabola, runs within 30 %", "cubic", "polynomial of degree five"):
         ratio = fits[name].error / float(found.error or np.nan)
         report.row(
             f"{length}: error of a {name} over that of the control variate",

@@ -58,7 +58,7 @@ def slope(  # its arguments are the options of the command
         int,
         typer.Option(
             help="Number of runs around the case's value; a parabola is fitted to them, or with "
-            "--method model a line to their differences from the model."
+            "--method model to their differences from the model."
         ),
     ] = 9,
     spread: Annotated[

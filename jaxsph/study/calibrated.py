@@ -15,17 +15,17 @@ from jaxsph.case.case import Case
 from jaxsph.errors import CaseError
 from jaxsph.problem.source import Source
 from jaxsph.study.base import AbstractMethod, check_result
-from jaxsph.study.ensemble import Ensemble
+from jaxsph.study.ensemble import Ensemble, parabola
 from jaxsph.study.fast_column import LENGTHS
 from jaxsph.study.fast_model import REGULAR, FastModel, calibrate, check
 
 
 class Calibrated(AbstractMethod):
-    """Ensemble of runs whose differences from a fast model are fitted by a line.
+    """Ensemble of runs whose differences from a fast model are fitted by a parabola.
 
-    The slope is that of the model plus that of the line. A curve of any shape may be fitted in this way, as
-    far as the model has its shape, so that the members can be spread more widely than those of a parabola.
-    The scatter about the line gives the standard error.
+    The slope is that of the model plus that of the parabola. As the differences are small, they are nearly a
+    parabola also where the result itself is not, so that the members can be spread more widely. The scatter
+    about the parabola gives the standard error.
     """
 
     ensemble: Ensemble = Ensemble(spread=0.5)
@@ -59,13 +59,9 @@ class Calibrated(AbstractMethod):
                 f"{parameter}: the fast model has no prediction for all of {values}, which are outside its "
                 "range; reduce the spread, or calibrate it with such runs"
             )
-        line, covariance = np.polyfit(found.offsets, found.results[found.known] - control, 1, cov=True)
-        return found.derivative(
-            self,
-            float(usual) + float(line[1]),
-            float(slope) * found.value + float(line[0]),
-            float(np.sqrt(covariance[0, 0])),
-        )
+        rest = parabola(found.offsets, found.results[found.known] - control)
+        whole = float(slope) * found.value + rest.slope
+        return found.derivative(self, float(usual) + rest.value, whole, rest.error)
 
     def _model(self, case: Case, progress: bool) -> FastModel:
         """Model from its file, or from five runs of the case."""
