@@ -101,7 +101,7 @@ def _picture(
     figure = Figure(figsize=(7, 3.4), layout="constrained")
     for axis, result in zip(figure.subplots(1, len(names)), names.values(), strict=True):
         here, known = unseen[model.theory.read[result]], model.theory.predictable[result]
-        most = 1.1 * float(max(np.max(here), np.max(found[result])))
+        most = 1.1 * float(max(np.max(a) for a in (here, found[result], theory[result])))
         axis.plot([0.0, most], [0.0, most], color="0.7", lw=1)
         axis.plot(here, np.asarray(theory[result]), "x", color="tab:orange", label="linear theory")
         axis.plot(here, np.asarray(found[result]), "o", color="tab:blue", label="fast model", ms=4)

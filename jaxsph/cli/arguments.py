@@ -128,6 +128,10 @@ Scale = Annotated[
 ]
 
 
+SPREAD, WIDE = 0.3, 0.5
+"""Spread of an ensemble, and of one with a fast model as control variate (-)."""
+
+
 class Way(enum.StrEnum):
     """Command-line name of a method for a slope (the derivative of a result); see `jaxsph.study`."""
 
@@ -136,7 +140,9 @@ class Way(enum.StrEnum):
     exact = enum.auto()
     model = enum.auto()
 
-    def of(self, spread: float, members: int, out: Path | None = None, model: Path | None = None) -> Any:
+    def of(
+        self, spread: float | None, members: int, out: Path | None = None, model: Path | None = None
+    ) -> Any:
         """Method of `jaxsph.study` with this name; only those with several runs use the arguments.
 
         **Raises** CaseError for the file of a `model` with another method.
@@ -145,16 +151,24 @@ class Way(enum.StrEnum):
 
         if model is not None and self is not Way.model:
             raise CaseError(f"--model {model}: needs --method model, not {self.value}")
-
         match self:
             case Way.ensemble:
-                return js.Ensemble(spread, members, out)
+                return js.Ensemble(SPREAD if spread is None else spread, members, out)
             case Way.filtered:
                 return js.Filtered()
             case Way.exact:
                 return js.Exact()
             case Way.model:
-                return js.Calibrated(js.Ensemble(spread, members, out), model)
+                return js.Calibrated(js.Ensemble(WIDE if spread is None else spread, members, out), model)
+
+
+Spread = Annotated[
+    float | None,
+    typer.Option(
+        help="Largest change of the parameter to either side, as a share of its value; default: "
+        f"{SPREAD:g}, of a slope with a model {WIDE:g}."
+    ),
+]
 
 
 Method = Annotated[

@@ -18,6 +18,7 @@ from jaxsph.cli.arguments import (
     Quiet,
     Scale,
     Settings,
+    Spread,
     Table,
     Way,
     bounds_of,
@@ -61,9 +62,7 @@ def slope(  # its arguments are the options of the command
             "--method model to their differences from the model."
         ),
     ] = 9,
-    spread: Annotated[
-        float, typer.Option(help="Largest change of the parameter to either side, as a share of its value.")
-    ] = 0.3,
+    spread: Spread = None,
     model: Annotated[
         Path | None,
         typer.Option(
@@ -118,9 +117,7 @@ def optimise(  # its arguments are the options of the command
     ] = "xi",
     method: Method = Way.ensemble,
     members: Annotated[int, typer.Option(help="Number of runs for every slope.")] = 9,
-    spread: Annotated[
-        float, typer.Option(help="Largest change of the parameter to either side, as a share of its value.")
-    ] = 0.3,
+    spread: Spread = None,
     evaluations: Annotated[int, typer.Option(help="Largest number of points or devices that are run.")] = 10,
     table: Table = None,
     scale: Scale = 1.0,
