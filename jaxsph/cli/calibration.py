@@ -138,7 +138,7 @@ def predict(
             _write(out, fast, over, members, values)
         if len(members) <= MOST:
             print_table(_predictions(fast, over, members, values))
-        print_notes(_doubts(members, values[fast.theory.power]))
+        print_notes(_doubts(members, values[fast.theory.power], scatter))
         if out is not None:
             typer.echo(f"recorded in {out}")
 
@@ -163,14 +163,15 @@ def _predictions(fast: Any, over: Any, members: list[Any], values: Any) -> list[
     return rows
 
 
-def _doubts(members: list[Any], power: Any) -> list[str]:
+def _doubts(members: list[Any], power: Any, scatter: Any) -> list[str]:
     """Note on predictions that the model does not make."""
     missing = sum(not value == value for value in power)
     if not missing:
         return []
+    site = "" if scatter is None else "; if the table is that of a site at full scale, give --scale"
     return [
         f"{missing} of {len(members)} predictions are nan: a period, or a length of the device, is outside "
-        "the range of the model"
+        f"the range of the model{site}"
     ]
 
 
