@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from experiments.model_sentences import OF_MODELS, SLOPES
 from experiments.prose import Results, Sentence, renewed
 from experiments.quantities import (
     DISTANCES,
@@ -26,10 +27,7 @@ from experiments.quantities import (
 ROOT = Path(__file__).parents[1]
 README, TUTORIAL = "README.md", "docs/tutorial.md"
 METHOD, MEASURED = "docs/method.md", "docs/measurements.md"
-WAVES, SLOPES = "docs/how-to/own-waves.md", "docs/how-to/slopes.md"
-FAST = "docs/how-to/fast-models.md"
-FOUND = "loss coefficient of the lip", "additional length of the column, in draughts"
-"""Rows of the values that a fast model finds."""
+WAVES = "docs/how-to/own-waves.md"
 ISPH, WCSPH = "docs/theory/incompressible.md", "docs/theory/weakly-compressible.md"
 
 PROSE = (
@@ -387,106 +385,8 @@ PROSE = (
         ),
         (WAVES,),
     ),
-    Sentence(
-        "errors are {:.1f} % of the efficiency, {:.1f} % of the pressure and {:.1f} % of the flow",
-        lambda r: tuple(
-            r("fast_owc_0.01", f"{name}: error of the model, root mean square of twelve runs")
-            for name in ("xi over the measured incident wave", "amplitude of the pressure", "flow")
-        ),
-        (FAST,),
-    ),
-    Sentence(
-        "those\nof linear theory {:.0f}, {:.0f} and {:.0f} %",
-        lambda r: tuple(
-            r("fast_owc_0.01", f"{name}: error of linear theory")
-            for name in ("xi over the measured incident wave", "amplitude of the pressure", "flow")
-        ),
-        (FAST,),
-    ),
-    Sentence(
-        "has {:.0f} % more power over the year than the runs, whose standard error is {:.0f} %; linear "
-        "theory has {:.0f} % more",
-        lambda r: (
-            r("fast_seas_0.02", "annual mean power: error of the model"),
-            100.0
-            * r("fast_seas_0.02", "annual mean power of the runs: standard error")
-            / r("fast_seas_0.02", "annual mean power of the runs"),
-            100.0
-            * r("fast_seas_0.02", "annual mean power of the model", column="theory")
-            / r("fast_seas_0.02", "annual mean power of the runs")
-            - 100.0,
-        ),
-        (FAST,),
-    ),
-    Sentence(
-        "finds a device with {:.2f} times the power of the best of twenty in a grid, from {:.0f} runs",
-        lambda r: (
-            r("model_search_0.025", "power of the device found over that of the best of the grid"),
-            r("model_search_0.025", "runs of the water"),
-        ),
-        (FAST,),
-    ),
-    Sentence(
-        "device has {:.2f} W/m by the model and {:.2f} W/m in runs of the seas, the case's device {:.2f} W/m",
-        lambda r: tuple(
-            r("model_search_0.025", f"mean power of the {device}")
-            for device in (
-                "best device, by the model",
-                "best device, in the water",
-                "case's device, in the water",
-            )
-        ),
-        (FAST,),
-    ),
-    Sentence(
-        "The loss coefficient is {:.1f}, and the additional length {:.2f} draughts",
-        lambda r: tuple(r("fast_owc_0.01", name) for name in FOUND),
-        (FAST,),
-    ),
-    Sentence(
-        "at twice the spacing they are {:.1f} and {:.2f}",
-        lambda r: tuple(r("fast_owc_0.02", name) for name in FOUND),
-        (FAST,),
-    ),
-    Sentence(
-        "| the derivative through one run, with tangents smoothed during the run | {:.1f} times one run",
-        lambda r: (r("bench_slopes", "value and slope, filtered: time over that of the run"),),
-        (SLOPES,),
-    ),
-    Sentence(
-        "| {:.1f} times one run; in reverse mode {:.1f} times, and {:.0f} GB of memory for a wave period",
-        lambda r: (
-            r("bench_slopes", "value and slope, exact: time over that of the run"),
-            r("bench_slopes", "reverse mode of one wave period: time over that of the run"),
-            r("bench_slopes", "reverse mode of one wave period: memory"),
-        ),
-        (SLOPES,),
-    ),
-    Sentence(
-        "a filtered slope costs {:.1f}\ntimes one run, in reverse mode {:.1f} times",
-        lambda r: (
-            r("bench_slopes_incompressible", "value and slope, filtered: time over that of the run"),
-            r("bench_slopes_incompressible", "reverse mode of one wave period: time over that of the run"),
-        ),
-        (SLOPES,),
-    ),
-    Sentence("a bias of {:.0f} to {:.0f} % of the water's response", lost_in_filter, (SLOPES,)),
     Sentence("A filter removes {:.0f} to {:.0f} %", lost_in_filter, (METHOD,)),
-    *(
-        Sentence(
-            f"| {shown} | {{:z.{digits}f}}e-4 ± {{:.{digits}f}}e-4 | {{:.{digits}f}}e-4 |",
-            lambda r, damping=damping: tuple(
-                r("filter_study_0.02", f"K_dm = {damping}: 1e4 times {what}")
-                for what in (
-                    "the slope of the fit",
-                    "the standard error of the slope of the fit",
-                    "the filtered slope",
-                )
-            ),
-            (SLOPES,),
-        )
-        for shown, damping, digits in (("257", "257", 1), ("535", "534.66", 1), ("1300", "1300", 2))
-    ),
+    *OF_MODELS,
 )
 """Sentences of the pages with numbers from the results."""
 
