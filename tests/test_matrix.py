@@ -424,6 +424,17 @@ def test_a_matrix_is_exported_as_a_table_and_for_wec_sim(tmp_path):
     np.testing.assert_allclose(found["xi"], matrix.xi.ravel())
 
 
+def test_a_matrix_is_exported_as_netcdf(tmp_path):
+    file = _written(tmp_path / "m.h5")
+    matrix = matrix_of(js.read_sweep(file))
+    js.export(file, tmp_path / "m.nc", scale=4.0)
+    with scipy.io.netcdf_file(tmp_path / "m.nc", mmap=False) as found:
+        assert found.variables["P"].dimensions == ("Hs", "Tp") and found.variables["P"].units == b"W/m"
+        np.testing.assert_allclose(found.variables["P"].data, 32.0 * matrix.P)
+        np.testing.assert_allclose(found.variables["Tp"].data, 2.0 * matrix.Tp)
+        np.testing.assert_allclose(found.variables["xi"].data, matrix.xi)
+
+
 def test_runs_that_all_failed_are_still_exported(tmp_path):
     axes = {"waves.Hs": np.array([0.02]), "waves.Tp": np.array([1.2]), "waves.seed": np.arange(1)}
     members = {0: {"results": {}, "series": {}, "failure": "a particle has left"}}

@@ -117,7 +117,9 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")
 Table = Annotated[
     Path | None,
     typer.Option(
-        metavar="CSV", help="Scatter table of Hs, Tp and share or hours, for the mean power over its seas."
+        metavar="FILE",
+        help="Scatter table (CSV with Hs, Tp and share or hours) or record of a site (.nc, .txt), for the "
+        "mean power over its seas.",
     ),
 ]
 

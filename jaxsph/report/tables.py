@@ -1,15 +1,16 @@
-"""Tables of runs, sweeps and power matrices: CSV files, one workbook, or a matrix for WEC-Sim."""
+"""Tables of runs, sweeps and power matrices: CSV files, one workbook, or a matrix for WEC-Sim or in netCDF."""
 
 from __future__ import annotations
 
 import csv
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import scipy  # which imports its subpackages on first use
+from numpy.typing import NDArray
 
 from jaxsph.errors import FileError
 from jaxsph.output.dataset import wanted
@@ -63,25 +64,28 @@ def tables(path: str | Path, scale: float = 1.0) -> list[Table]:
 
 def export(path: str | Path, out: str | Path, overwrite: bool = False, scale: float = 1.0) -> list[Path]:
     """Writes the tables of a run, a sweep or a power matrix, in a format that depends on the suffix of `out`:
-    CSV, an Excel workbook, or for a power matrix a MAT file.
+    CSV, an Excel workbook, or for a power matrix a MAT or netCDF file.
 
     `scale`: lengths of the tables over those of the run; all values of the tables follow by Froude's law.
 
     For a run, the series go to the CSV file `out` and the results to a file with `_results` added to the
     name, or both to one workbook with two sheets. A power matrix goes to `out`, and its runs to a file or
     sheet called members. The MAT file contains the variable mcr, by which WEC-Sim runs the same sea states
-    (simu.mcrMatFile), and Hs, Tp and the columns of the matrix in the same order. **Returns** the files.
-    **Raises** FileError for another suffix, for a MAT file of something else than a power matrix, if a file
-    exists and `overwrite` is not set, or if openpyxl, which writes the workbook, is missing.
+    (simu.mcrMatFile), and Hs, Tp and the columns of the matrix in the same order; the netCDF file contains
+    them over Hs and Tp. **Returns** the files.
+    **Raises** FileError for another suffix, for a MAT or netCDF file of something else than a power matrix,
+    if a file exists and `overwrite` is not set, or if openpyxl, which writes the workbook, is missing.
     """
     out = Path(out)
-    if out.suffix not in (".csv", ".xlsx", ".mat"):
-        raise FileError(f"{out}: the name must end in .csv, .xlsx or .mat")
+    if out.suffix not in WRITERS:
+        raise FileError(f"{out}: the name must end in .csv, .xlsx or .mat, or in .nc for netCDF")
     found = tables(path, scale)
-    if out.suffix == ".mat":
+    if out.suffix in OF_MATRIX:
         found = [one for one in found if one.name == MATRIX]
         if not found:
-            raise FileError(f"{path}: only a power matrix (jaxsph matrix) can be written as a .mat file")
+            raise FileError(
+                f"{path}: only a power matrix (jaxsph matrix) can be written as a {out.suffix} file"
+            )
     *others, last = found
     files = {out: [*found] if out.suffix == ".xlsx" else [last]}
     if out.suffix == ".csv":
@@ -94,7 +98,7 @@ def export(path: str | Path, out: str | Path, overwrite: bool = False, scale: fl
     for file, content in files.items():
         with tell_write_errors(file):
             file.parent.mkdir(parents=True, exist_ok=True)
-            {".csv": _write_csv, ".xlsx": _write_book, ".mat": _write_mat}[out.suffix](file, content)
+            WRITERS[out.suffix](file, content)
     return sorted(files)
 
 
@@ -172,14 +176,32 @@ def _sea_states(matrix: PowerMatrix, scale: float) -> Table:
     return Table(MATRIX, head, rows)
 
 
-def _write_mat(path: Path, content: Sequence[Table]) -> None:
-    (table,) = content
+def _columns(table: Table) -> dict[str, tuple[NDArray[np.float64], str]]:
+    """Columns of the table of a power matrix and their units, by name."""
     columns = np.array([[np.nan if v is None else v for v in row] for row in table.rows], float).T
-    names = [title.split(" (")[0].removeprefix("waves.") for title in table.head]
-    named = {name: column[:, None] for name, column in zip(names, columns, strict=True)}
+    titles = [title.removeprefix("waves.").rstrip(")").partition(" (") for title in table.head]
+    return {name: (column, unit) for (name, _, unit), column in zip(titles, columns, strict=True)}
+
+
+def _write_mat(path: Path, content: Sequence[Table]) -> None:
+    named = {name: column[:, None] for name, (column, _) in _columns(*content).items()}
     header = np.array(["waves.height", "waves.period"], object)
     seas = {"header": header, "cases": np.hstack([named["Hs"], named["Tp"]])}
     scipy.io.savemat(path, {"mcr": seas, **named})
+
+
+def _write_netcdf(path: Path, content: Sequence[Table]) -> None:
+    columns = _columns(*content)
+    axes = {name: np.unique(columns[name][0]) for name in ("Hs", "Tp")}
+    shape = tuple(map(len, axes.values()))
+    with scipy.io.netcdf_file(path, "w") as file:
+        for name, values in axes.items():
+            file.createDimension(name, len(values))
+        for name, (column, unit) in columns.items():
+            over, values = ((name,), axes[name]) if name in axes else (tuple(axes), column.reshape(shape))
+            variable = file.createVariable(name, "f8", over)
+            variable[:] = values
+            variable.units = unit or "1"
 
 
 def _write_csv(path: Path, content: Sequence[Table]) -> None:
@@ -202,3 +224,9 @@ def _write_book(path: Path, content: Sequence[Table]) -> None:
             # a workbook cannot store numbers that are not finite
             sheet.append([None if isinstance(v, float) and not np.isfinite(v) else v for v in row])
     book.save(path)
+
+
+OF_MATRIX: dict[str, Callable[[Path, Sequence[Table]], None]] = {".mat": _write_mat, ".nc": _write_netcdf}
+"""Writers of the table of a power matrix, by the suffix of the file."""
+WRITERS = {".csv": _write_csv, ".xlsx": _write_book, **OF_MATRIX}
+"""Writers of all tables."""

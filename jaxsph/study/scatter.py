@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jaxsph.case.data_files import read_columns
 from jaxsph.errors import CaseError
+from jaxsph.study.wave_records import WaveRecord, read_record
 
 HOURS = 8766.0
 """Number of hours in a mean year of 365.25 days."""
@@ -39,11 +40,31 @@ class ScatterTable:
         return dataclasses.replace(self, Hs=self.Hs / scale, Tp=self.Tp / np.sqrt(scale))
 
     @classmethod
+    def of_record(cls, record: WaveRecord, height: float = 0.5, period: float = 1.0) -> ScatterTable:
+        """Table of a record of sea states, in classes of `height` (m) and `period` (s).
+
+        Each class has the root mean square of its heights, and the mean period weighted by their squares, so
+        that the mean of Hs^2 Tp, and with it the power in deep water, is that of the record. **Raises**
+        CaseError if no sea state is known.
+        """
+        known = (record.Hs > 0.0) & (record.Tp > 0.0)
+        Hs, Tp = record.Hs[known], record.Tp[known]
+        if not len(Hs):
+            raise CaseError("the record has no sea state with both a height and a period")
+        classes = np.stack([Hs // height, Tp // period], axis=1)
+        _, place, count = np.unique(classes, axis=0, return_inverse=True, return_counts=True)
+        energy, moment = (np.bincount(place.ravel(), a) for a in (Hs**2, Hs**2 * Tp))
+        return cls(np.sqrt(energy / count), moment / energy, count / len(Hs))
+
+    @classmethod
     def read(cls, path: str | Path) -> ScatterTable:
-        """Reads a table from a CSV file with the columns Hs (m), Tp (s), and share (-) or hours (h).
+        """Reads a table from a CSV file with the columns Hs (m), Tp (s), and share (-) or hours (h), or the
+        record of a site from a netCDF (.nc) or text file (.txt), see `of_record` and `read_record`.
 
         **Raises** CaseError for other columns, and for shares that are negative or do not sum to 1.
         """
+        if Path(path).suffix.lower() in (".nc", ".txt"):
+            return cls.of_record(read_record(path))
         units = {"Hs": "m", "Tp": "s", "share": "-", "hours": "h"}
         found = read_columns(path, units, [{"Hs", "Tp", "share"}, {"Hs", "Tp", "hours"}])
         columns = {name: np.array(values) for name, values in found.items()}
