@@ -101,7 +101,10 @@ def export(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", metavar="TABLE", help="Table to write, .csv or .xlsx; .mat for a power matrix."
+            "--out",
+            "-o",
+            metavar="TABLE",
+            help="Table to write, .csv or .xlsx; .mat or .nc for a power matrix.",
         ),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing tables.")] = False,

@@ -1,4 +1,4 @@
-"""Tables of runs, sweeps and power matrices: CSV files, one workbook, or a matrix for WEC-Sim or in netCDF."""
+"""Tables of runs, sweeps and power matrices: CSV files, a workbook, or a matrix for WEC-Sim or as netCDF."""
 
 from __future__ import annotations
 
