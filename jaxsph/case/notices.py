@@ -96,8 +96,9 @@ def _wave_notices(case: Sections, waves: WavesSection, geometry: Geometry) -> li
             "expect a visible decay of the height along the tank, or use a smaller dx (five spacings or more "
             "are usual)"
         )
-    wavelength = float(theory.wavelength(T, geometry.depth, case.g))
-    if case.sponge is not None and case.sponge.length < SPONGE * wavelength:
+    if case.sponge is not None and case.sponge.length < SPONGE * (
+        wavelength := float(theory.wavelength(T, geometry.depth, case.g))
+    ):
         notes.append(
             f"sponge.length = {case.sponge.length:g} m: waves with a period of {T:.3g} s are "
             f"{wavelength:.3g} m long, so that the sponge reflects a part of them; use one wavelength or "
