@@ -156,9 +156,9 @@ def test_a_matrix_without_powers_says_why_the_first_run_failed():
 def test_the_command_prints_and_draws_a_matrix_before_it_refuses_the_mean(a_matrix, tmp_path, monkeypatch):
     pages = []
     monkeypatch.setattr(js, "power_matrix", lambda *_, **__: a_matrix, raising=False)
-    monkeypatch.setattr(studies, "announce", lambda *_: None)
-    monkeypatch.setattr(studies, "note_members", lambda *_: None)
-    monkeypatch.setattr(studies, "write_page", lambda *given: pages.append(given))
+    monkeypatch.setattr("jaxsph.cli.matrix.announce", lambda *_: None)
+    monkeypatch.setattr("jaxsph.cli.matrix.note_members", lambda *_: None)
+    monkeypatch.setattr("jaxsph.cli.matrix.write_page", lambda *given: pages.append(given))
     (tmp_path / "sea.toml").write_text(SEA.to_toml())
     (tmp_path / "table.csv").write_text("Hs,Tp,share\n0.04,1.2,1\n")
     arguments = ["matrix", str(tmp_path / "sea.toml"), "--hs", "0.02,0.04", "--tp", "1.2,1.4"]
