@@ -147,5 +147,18 @@ OF_MODELS = (
         ),
         (SLOPES,),
     ),
+    Sentence(
+        "deviates from that of all nine by {:.1f} % if it is interpolated linearly, and by {:.1f} % with the "
+        "model, which states an error\nof {:.0f} %",
+        lambda r: tuple(
+            r("fast_seas_0.02", f"annual mean power from runs in four of the seas, {what}")
+            for what in (
+                "interpolated linearly: deviation from nine",
+                "with the model: deviation from nine",
+                "with the model: stated error of the other five seas",
+            )
+        ),
+        (FAST,),
+    ),
 )
 """Sentences of the pages with numbers from the results."""
