@@ -110,24 +110,28 @@ OF_MODELS = (
         )
         for shown, damping, digits in (("257", "257", 1), ("535", "534.66", 1), ("1300", "1300", 2))
     ),
-    Sentence(
-        "mean errors of {:.0f} % of the power and {:.0f} % of the heave; those of linear theory "
-        "are {:.0f} and {:.0f} %",
-        lambda r: tuple(
-            r("fast_buoy_0.02", f"{what}: {whose}")
-            for whose in (UNSEEN, "error of linear theory")
-            for what in ("power", "motion")
-        ),
-        (FAST,),
-    ),
-    Sentence(
-        "they are {:.0f} % of the power and {:.0f} % of the pitch, and {:.0f} and {:.0f} % by linear theory",
-        lambda r: tuple(
-            r("fast_flap_0.03", f"{what}: {whose}")
-            for whose in (UNSEEN, "error of linear theory")
-            for what in ("power", "motion")
-        ),
-        (FAST,),
+    *(
+        Sentence(
+            text,
+            lambda r, device=device: tuple(
+                r(device, f"{what}: {whose}")
+                for whose in (UNSEEN, "error of linear theory")
+                for what in ("power", "motion")
+            ),
+            (FAST,),
+        )
+        for device, text in (
+            (
+                "fast_buoy_0.02",
+                "mean errors of {:.0f} % of the power and {:.0f} % of the heave; those of linear theory "
+                "are {:.0f} and {:.0f} %",
+            ),
+            (
+                "fast_flap_0.03",
+                "they are {:.0f} % of the power and {:.0f} % of the pitch, and {:.0f} and {:.0f} % by linear "
+                "theory",
+            ),
+        )
     ),
     Sentence(
         "power with reactive control is {:.2f} times that with damping alone, and the\n"

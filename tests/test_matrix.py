@@ -378,6 +378,11 @@ def test_the_command_takes_a_table_of_a_site_and_a_model(tmp_path, monkeypatch):
     ):
         done = CliRunner().invoke(app, [*call, *options])
         assert done.exit_code == 2 and words in done.output, done.output
+    # a program has no waves that a model could look at
+    (tmp_path / "own.py").write_text("def problem():\n    pass\n")
+    program = ["matrix", f"{tmp_path / 'own.py'}:problem", *call[2:], *at_site, "--model", str(model)]
+    done = CliRunner().invoke(app, program)
+    assert done.exit_code == 2 and "a power matrix varies waves.Hs" in done.output, done.output
 
 
 def test_second_order_wavenumbers_are_the_theory_s():

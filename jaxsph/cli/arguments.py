@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import enum
 import math
 import tomllib
@@ -130,10 +131,6 @@ Scale = Annotated[
 ]
 
 
-SPREAD, WIDE = 0.3, 0.5
-"""Spread of an ensemble, and of one with a fast model as control variate (-)."""
-
-
 class Way(enum.StrEnum):
     """Command-line name of a method for a slope (the derivative of a result); see `jaxsph.study`."""
 
@@ -153,22 +150,23 @@ class Way(enum.StrEnum):
 
         if model is not None and self is not Way.model:
             raise CaseError(f"--model {model}: needs --method model, not {self.value}")
+        runs = {"members": members, "out": out} | ({} if spread is None else {"spread": spread})
         match self:
             case Way.ensemble:
-                return js.Ensemble(SPREAD if spread is None else spread, members, out)
+                return js.Ensemble(**runs)
             case Way.filtered:
                 return js.Filtered()
             case Way.exact:
                 return js.Exact()
             case Way.model:
-                return js.Calibrated(js.Ensemble(WIDE if spread is None else spread, members, out), model)
+                return js.Calibrated(dataclasses.replace(js.Calibrated().ensemble, **runs), model)
 
 
 Spread = Annotated[
     float | None,
     typer.Option(
         help="Largest change of the parameter to either side, as a share of its value; default: "
-        f"{SPREAD:g}, of a slope with a model {WIDE:g}."
+        "0.3, of a slope with a model 0.5."
     ),
 ]
 

@@ -75,11 +75,11 @@ def matrix(
     with messages(INTERRUPTED), cluster(scheduler) as executor:
         loaded = load(case, settings, quick, t1)
         scatter = table_of(table, scale)
-        fast = _model(model, loaded, scatter)
         Hs, Tp = (
             values_of(f"{name}={text}", f"--{name}")[1] for name, text in (("hs", heights), ("tp", periods))
         )
         over = members_of(loaded, Hs, Tp, seeds)
+        fast = _model(model, loaded, scatter)
         if scatter is not None and fast is None:
             scatter.check_within(Hs, Tp)
         places = chosen_members(loaded, over, error_at or (), scheduler)
@@ -103,8 +103,11 @@ def matrix(
 
 
 def _model(path: Path | None, case: Any, scatter: Any) -> Any:
-    """Fast model from its file; None without one. **Raises** CaseError, before any run, for a model without a
-    table, or one that does not suit the case or the table."""
+    """Fast model from its file, for the device of a case; None without a file.
+
+    **Raises** CaseError, before any run, for a model without a table, or one that does not suit the case or
+    the table.
+    """
     from jaxsph.study.fast_model import FastModel
     from jaxsph.study.matrix import powers_of_model
 
@@ -112,8 +115,8 @@ def _model(path: Path | None, case: Any, scatter: Any) -> Any:
         return None
     if scatter is None:
         raise CaseError(f"--model {path}: needs --table, as the model is for sea states without runs")
-    model = FastModel.read(path)
-    powers_of_model(model.moved(case), scatter.Hs[scatter.share > 0.0], scatter.Tp[scatter.share > 0.0])
+    model = FastModel.read(path).moved(case)
+    powers_of_model(model, scatter.used.Hs, scatter.used.Tp)
     return model
 
 
@@ -142,10 +145,7 @@ def _year(done: Any, scatter: Any, fast: Any, scale: float, out: Path) -> list[t
     """
     over, hours = scatter.period
     mean = done.annual(scatter, fast)
-    if fast is None:
-        theory = done.annual_linear(scatter)
-    else:
-        theory = float(fast.moved(done.sweep.case).linear.annual(scatter))
+    theory = done.annual_linear(scatter) if fast is None else float(fast.linear.annual(scatter))
     linear = "" if math.isnan(theory) else f"{theory:.3g}"
     full = factor(done.unit, scale)
     # at the scale of the case and of the table, and the energy at the latter

@@ -137,13 +137,13 @@ class FastModel:
         for key in changes:
             if key in {**REGULAR, **SEA}:
                 raise CaseError(f"{key}: the waves are those of the scatter table; vary the device only")
-        used = table.share > 0.0
+        used = table.used
 
         def power(Hs: jax.Array, Tp: jax.Array) -> jax.Array:
             return self.results({**changes, "waves.Hs": Hs, "waves.Tp": Tp})[self.theory.power]
 
-        found = jax.vmap(power)(jnp.asarray(table.Hs[used]), jnp.asarray(table.Tp[used]))
-        return jnp.asarray(table.share[used]) @ found
+        found = jax.vmap(power)(jnp.asarray(used.Hs), jnp.asarray(used.Tp))
+        return jnp.asarray(used.share) @ found
 
     def moved(self, case: Case) -> FastModel:
         """The model of a case with another device of the same kind; the additions stay, and also the waves if
@@ -153,6 +153,8 @@ class FastModel:
         """
         if case.waves is None or case.waves.kind != "regular":
             case = case.model_copy(update={"waves": self.case.waves})
+        if case == self.case:
+            return self
         if type(self.theory) is not kind_of(case):
             raise CaseError(f"the fast model of {self.case.name!r} is that of another kind of device")
         if missing := kind_of(case).why_not(case):

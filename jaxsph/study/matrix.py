@@ -84,8 +84,8 @@ class PowerMatrix:
         states. **Raises** CaseError if the table has sea states outside the matrix, or with a model outside
         the range of the model, or needs a cell whose runs failed.
         """
-        used = table.share > 0.0
-        share, seas = table.share[used], np.stack([table.Hs[used], table.Tp[used]], axis=1)
+        used = table.used
+        share, seas = used.share, np.stack([used.Hs, used.Tp], axis=1)
         cells = np.stack(np.meshgrid(self.Hs, self.Tp, indexing="ij"), axis=-1).reshape(-1, 2)
         if model is None:
             table.check_within(self.Hs, self.Tp)
@@ -93,7 +93,7 @@ class PowerMatrix:
         else:
             model = model.moved(self.sweep.case)
             usual = powers_of_model(model, *cells.T).reshape(self.P.shape)
-            here = powers_of_model(model, *seas.T)
+            here = powers_of_model(model, used.Hs, used.Tp)
         weight = self._weights(seas, share * here)
         missing = np.argwhere(~np.isfinite(self.P) & (weight > 0.0))
         if missing.size:
@@ -117,12 +117,12 @@ class PowerMatrix:
         """Mean power over the year of a scatter table by linear theory, W/m; NaN if the theory does not cover
         the case."""
         table.check_within(self.Hs, self.Tp)
-        weight = self._weights(np.stack([table.Hs, table.Tp], axis=1), table.share)
+        used = table.used
+        weight = self._weights(np.stack([used.Hs, used.Tp], axis=1), used.share)
         return float(np.sum(weight * np.where(weight > 0.0, self.linear, 0.0)))
 
     def _weights(self, seas: NDArray, share: NDArray) -> NDArray[np.float64]:
         """Weight of every cell in the sum over seas `[S, 2]` (m, s) with these shares `[S]`, `[Hs, Tp]`."""
-        seas, share = seas[share > 0.0], share[share > 0.0]
         weights = np.zeros((len(self.Hs), len(self.Tp)))
         for cell in np.ndindex(weights.shape):
             one = np.zeros(weights.shape)

@@ -35,6 +35,12 @@ class ScatterTable:
         """Words for the time that the table covers, and its hours: those given, or a mean year."""
         return ("year", HOURS) if self.hours is None else (f"{self.hours:,.0f} h of the table", self.hours)
 
+    @property
+    def used(self) -> ScatterTable:
+        """The table without sea states that do not occur."""
+        there = self.share > 0.0
+        return dataclasses.replace(self, Hs=self.Hs[there], Tp=self.Tp[there], share=self.share[there])
+
     def at_scale(self, scale: float) -> ScatterTable:
         """The seas of a model whose lengths are `scale` times smaller, by Froude's law; the hours stay."""
         return dataclasses.replace(self, Hs=self.Hs / scale, Tp=self.Tp / np.sqrt(scale))
@@ -84,8 +90,8 @@ class ScatterTable:
 
     def check_within(self, Hs: ArrayLike, Tp: ArrayLike) -> None:
         """**Raises** CaseError if a sea state of the table lies outside a matrix over Hs (m) and Tp (s)."""
-        used = self.share > 0.0
-        for name, unit, axis, values in (("Hs", "m", Hs, self.Hs[used]), ("Tp", "s", Tp, self.Tp[used])):
+        used = self.used
+        for name, unit, axis, values in (("Hs", "m", Hs, used.Hs), ("Tp", "s", Tp, used.Tp)):
             outside = (values < np.min(axis) - 1e-9) | (values > np.max(axis) + 1e-9)
             if np.any(outside):
                 raise CaseError(

@@ -146,8 +146,8 @@ def search(
         about["cost"] = {"fixed": float(aim.cost.fixed), **aim.cost.prices}
     if table is not None:
         about["table"] = np.stack([table.Hs, table.Tp, table.share]).tolist()
-        used = table.Tp[table.share > 0.0]
-        periods = float(used.min()), float(used.max())
+        used = table.used
+        periods = float(used.Tp.min()), float(used.Tp.max())
     with only_study(Path(out)):
         record = Record(Path(out), case, [*over], about, "models")
         record.begin()
