@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy  # which imports its subpackages on first use
 
-from jaxsph.case.body_sections import BodySection, LinkSection, MotionSection, spatial
+from jaxsph.case.body_sections import BodySection, LinkSection, MotionSection, RotationalPTOSection, spatial
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.section import choice
 from jaxsph.case.sections import TANK, Sections
@@ -108,21 +108,30 @@ def make_links(case: Sections, bodies: Sequence[RigidBody], leaf: Any) -> tuple[
     `leaf` converts a number to an array of the case's precision. **Raises** CaseError for a link to a body
     that does not exist, or along a motion in which the body is not free.
     """
-    found, by_name = [], {body.name: body for body in bodies}
-    for name, section in case.every_body.items():
-        pto = section.pto
-        if pto is None:
-            continue
-        laws = [Damper(leaf(pto.damping), leaf(0.0)), Friction(leaf(pto.coulomb), leaf(FRICTION_SCALE))]
-        laws.append(Spring(leaf(pto.spring), leaf(0.0)))
-        laws.append(EndStops(leaf(-pto.stop), leaf(pto.stop), leaf(pto.stop_stiffness)))
-        called = case.pto_names[name]
+    found, by_name, laws = [], {body.name: body for body in bodies}, link_laws(case, leaf)
+    for name, called in case.pto_names.items():
         ends = AlongJoint.of(by_name[name], _index(by_name[name], "pitch"))
-        found.append(Link(ends, Laws(tuple(laws)), harvests=True, name=called))
+        found.append(Link(ends, laws[called], harvests=True, name=called))
     for name, section in case.link.items():
         ends = _ends(case, name, section, by_name, leaf)
-        found.append(Link(ends, _laws(section, leaf), harvests=section.take_off, name=name))
+        found.append(Link(ends, laws[name], harvests=section.take_off, name=name))
     return tuple(found)
+
+
+def link_laws(case: Sections, leaf: Any) -> dict[str, Laws]:
+    """Laws of the bodies' power take-offs and of the `link` sections, by the names of the links; `leaf` as in
+    `make_links`."""
+    found = {
+        case.pto_names[name]: _take_off(one.pto, leaf) for name, one in case.every_body.items() if one.pto
+    }
+    return found | {name: _laws(section, leaf) for name, section in case.link.items()}
+
+
+def _take_off(pto: RotationalPTOSection, leaf: Any) -> Laws:
+    """Laws of a body's power take-off."""
+    damper, friction = Damper(leaf(pto.damping), leaf(0.0)), Friction(leaf(pto.coulomb), leaf(FRICTION_SCALE))
+    stops = EndStops(leaf(-pto.stop), leaf(pto.stop), leaf(pto.stop_stiffness))
+    return Laws((damper, friction, Spring(leaf(pto.spring), leaf(0.0)), stops))
 
 
 def _ends(

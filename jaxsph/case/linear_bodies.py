@@ -118,10 +118,12 @@ class SmallMotions:
 
     section: Section
     bodies: SmallMotion
-    links: dict[str, bool]
-    """Links of `bodies.dampings` by name, and whether each harvests energy."""
+    links: dict[str, Link]
+    """Links of `bodies.dampings` by name."""
     extensions: dict[str, float]
     """Extensions of the same links at the equilibrium, m or rad."""
+    stiffness: dict[str, float]
+    """Stiffness of the same links there, N/m or N m."""
     swings: dict[str, Real]
     """Oscillations of the bodies `[n]` per unit change of each free coordinate, by their names in a model."""
 
@@ -252,11 +254,12 @@ class _Response:
             dampings=tuple(dampings.values()),
             chambers=tuple(_turbine(one) for one in self.case.chambers.values()),
         )
-        harvest = {link.name: link.harvests for link in self.resting.mechanism.links}
+        every = {link.name: link for link in self.resting.mechanism.links}
         swings = self._swings(ways, self._by_joint(np.eye(int(free.sum()))))
-        links = {name: harvest[name] for name in dampings}
+        links = {name: every[name] for name in dampings}
         extensions = {name: float(self.resting.posture.extensions[name]) for name in dampings}
-        return SmallMotions(self._section(hulls), bodies, links, extensions, swings)
+        stiffness = {name: self._stiffness(link) for name, link in links.items()}
+        return SmallMotions(self._section(hulls), bodies, links, extensions, stiffness, swings)
 
     def _ways(self) -> Real:
         """Motions of all bodies `[B, 3, n]` per unit change of each free coordinate."""
@@ -308,6 +311,11 @@ class _Response:
             total -= way.T @ np.asarray(slope) @ way
         return found, total
 
+    def _stiffness(self, link: Link) -> float:
+        """Stiffness of a link at its equilibrium extension, N/m or N m."""
+        own, rest = self.resting.parts[link.name].own, self.resting.posture.extensions[link.name]
+        return float(jax.grad(jax.grad(link.law.stored, argnums=1), argnums=1)(own, rest))
+
     def _force(self, link: Link, s: complex, damping: float) -> complex:
         """Complex amplitude (N/m or N) of a link's force for the amplitude s (m or rad) of its extension.
 
@@ -317,7 +325,7 @@ class _Response:
         at = rest + abs(s) * jnp.array([-1.0, 0.0, 1.0])
         slope = jax.grad(link.law.stored, argnums=1)
         low, middle, high = np.asarray(jax.vmap(lambda one: slope(own, one))(at))
-        stiffness = float(jax.grad(slope, argnums=1)(own, rest))
+        stiffness = self._stiffness(link)
         linear = stiffness * abs(s)
         if max(abs(high - middle - linear), abs(middle - low - linear)) > BENT * abs(linear) + 1e-9:
             raise ValueError(

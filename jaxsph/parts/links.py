@@ -220,7 +220,8 @@ class Latch(AbstractLaw):
         until, last = own
         free = t >= until
         caught = free & (v * last < 0.0)
-        return jnp.where(caught, t + self.hold, until), jnp.where(free & ~caught, v, 0.0)
+        ago = dt * v / jnp.where(caught, v - last, 1.0)  # time since the rate was zero
+        return jnp.where(caught, t - ago + self.hold, until), jnp.where(free & ~caught, v, 0.0)
 
 
 class Controlled(AbstractLaw):

@@ -41,20 +41,19 @@ class BodyTheory(AbstractFastTheory):
         """See `AbstractFastTheory`."""
         if not case.has_take_off or case.chambers:
             return "a fast model of bodies needs a power take-off of a body, and no chamber"
-        if reason := why_no_motions(case):
+        if reason := why_no_motions(cls.linear(case)):
             return f"{reason}: a fast model needs linear theory of the bodies"
-        for name, section in case.link.items():
-            if section.friction or section.latch_damping:
-                return f"link.{name} has friction or a latch, which a fast model does not cover"
-        for name, body in case.every_body.items():
-            if body.pto is not None and body.pto.coulomb:
-                return f"{case.body_key(name)}.pto.coulomb is friction, which a fast model does not cover"
         return ""
+
+    @classmethod
+    def linear(cls, case: Case) -> Case:
+        """The case without the links' laws that linear theory does not cover; by default the case itself."""
+        return case
 
     @classmethod
     def of(cls, case, omega):
         """See `AbstractFastTheory`."""
-        small = small_motions(case)
+        small = small_motions(cls.linear(case))
         springs = _springs(case, small)
         water = BodySeries.of(small.section, small.bodies, springs, omega, case.fluid.rho0, case.g)
         return cls(case, water, small, _dampers(small, springs))
@@ -62,7 +61,7 @@ class BodyTheory(AbstractFastTheory):
     @classmethod
     def restored(cls, case, series):
         """See `AbstractFastTheory`."""
-        small = small_motions(case)
+        small = small_motions(cls.linear(case))
         springs = _springs(case, small)
         water = BodySeries.restored(series, small.section, small.bodies, springs, case.fluid.rho0, case.g)
         return cls(case, water, small, _dampers(small, springs))
@@ -87,7 +86,7 @@ class BodyTheory(AbstractFastTheory):
         """See `AbstractFastTheory`."""
         taken = {*case.pto_names.values(), *(name for name, one in case.link.items() if one.take_off)}
         signed = cls.signed(case)
-        keys = {key: name for key, name in cls.keys(case).items() if key not in signed}
+        keys = {key: name for key, name in BodyTheory.keys(case).items() if key not in signed}
         return tuple(key for key, name in keys.items() if name in taken and case.value(key))
 
     @property
@@ -153,16 +152,25 @@ class BodyTheory(AbstractFastTheory):
         """See `AbstractFastTheory`."""
         linear, stiffness = [], []
         for k, link in enumerate(self.small.links):
-            if STIFFNESS + link in values and abs(extension := self.small.extensions[link]) > RESTING:
-                raise CaseError(
-                    f"{link} has the extension {extension:.3g} at rest, so that another stiffness would move "
-                    "the bodies: place its ends such that it has no force at rest, or give `rest`"
-                )
+            if STIFFNESS + link in values:
+                self.check_at_rest(STIFFNESS + link)
             linear.append(values.get(link, self.dampers.linear[k]))
             stiffness.append(values.get(STIFFNESS + link, self.water.springs[k]))
         changed = [jnp.stack([*map(jnp.asarray, each)]) for each in (linear, stiffness)]
         dampers = self.dampers._replace(linear=changed[0], stiffness=changed[1])
         return body_response(self.water, added, dampers, waves)
+
+    def check_at_rest(self, stiffness: str) -> None:
+        """**Raises** CaseError if another value of a stiffness would move the bodies at rest.
+
+        `stiffness`: name as in `signed`.
+        """
+        link = stiffness.removeprefix(STIFFNESS)
+        if abs(extension := self.small.extensions[link]) > RESTING:
+            raise CaseError(
+                f"{link} has the extension {extension:.3g} at rest, so that another stiffness would move "
+                "the bodies: place its ends such that it has no force at rest, or give `rest`"
+            )
 
     def results(self, response):
         """See `AbstractFastTheory`."""
@@ -190,6 +198,6 @@ def _dampers(small: SmallMotions, springs: list[float]) -> Dampers:
         np.array([-float(one.force(np.array([v]))[0]) for one in small.bodies.dampings]) for v in (1.0, 2.0)
     )
     quadratic = 0.5 * (at_two - 2.0 * at_one)
-    harvests = np.array([*small.links.values()], float)
+    harvests = np.array([one.harvests for one in small.links.values()], float)
     given = (at_one - quadratic, quadratic, harvests, springs)
     return Dampers(*(jnp.asarray(a, jnp.float32) for a in given))

@@ -28,8 +28,10 @@ from jaxsph.case.case import Case
 from jaxsph.case.settling import averages_from, settled_periods
 from jaxsph.core.chebyshev import Series
 from jaxsph.errors import CaseError, FileError
+from jaxsph.model.links import AbstractLaw
 from jaxsph.study.fast_bodies import BodyTheory
 from jaxsph.study.fast_column import ColumnTheory
+from jaxsph.study.fast_motion import MotionTheory
 from jaxsph.study.fast_theory import AbstractFastTheory
 from jaxsph.study.scatter import ScatterTable
 from jaxsph.study.sweep import Sweep, sweep
@@ -98,7 +100,8 @@ class FastModel:
 
     def response(self, changes: Mapping[str, ArrayLike] = {}) -> Any:
         """Response to regular waves or to a sea, per metre of width: `waves.fast_owc.Response` of a column,
-        `waves.fast_bodies.BodyResponse` of bodies.
+        `waves.fast_bodies.BodyResponse` of bodies, `waves.body_motion.BodyMotion` of bodies with latches,
+        friction, end stops or ropes.
 
         `changes`: parameters that differ from those of the case: waves, and those of the device in `keys`.
         waves.Hs and waves.Tp, which are given together, choose a sea with a JONSWAP spectrum in the place of
@@ -160,6 +163,17 @@ class FastModel:
         if missing := kind_of(case).why_not(case):
             raise CaseError(missing)
         return dataclasses.replace(self, theory=self.theory.of(case, self.theory.series.ends))
+
+    def with_laws(self, laws: Mapping[str, AbstractLaw]) -> FastModel:
+        """The model with other laws of links, by the names of the links.
+
+        Motions are then found in time. The laws may have traced parameters, for example a
+        `parts.links.Controlled` with the weights of a network. **Raises** CaseError for a model without
+        bodies, and for a link that is not there.
+        """
+        if not isinstance(self.theory, BodyTheory):
+            raise CaseError(f"{self.case.name!r} has no links: only the laws of links can be replaced")
+        return dataclasses.replace(self, theory=MotionTheory.with_laws(self.theory, laws))
 
     @property
     def linear(self) -> FastModel:
@@ -276,8 +290,9 @@ def _varied(case: Case) -> dict[str, tuple[float, ...]]:
 
 def kind_of(case: Case) -> type[AbstractFastTheory]:
     """Kind of theory that suits the device of a case."""
-    bodies = any(one.free for one in case.every_body.values())
-    return BodyTheory if bodies else ColumnTheory
+    if not any(one.free for one in case.every_body.values()):
+        return ColumnTheory
+    return MotionTheory if MotionTheory.suits(case) else BodyTheory
 
 
 def runs_of(path: Path) -> Path:

@@ -53,6 +53,8 @@ class AbstractFastTheory(abc.ABC):
 
     power: ClassVar[str]
     """Name of the mean absorbed power among the predictable results."""
+    smooth: ClassVar[bool] = True
+    """Whether results are smooth functions of the parameters, so that a gradient search finds the best."""
 
     @classmethod
     @abc.abstractmethod

@@ -37,8 +37,11 @@ FACTOR = 2.0
 """Largest ratio of a damping to that of the case around which a model was fitted, or its inverse (-)."""
 REACH = 1.99 * SHARE
 """Largest change of a length for which the response of the water is known, relative to the length (-)."""
-STARTS = 256
-"""Number of random points at which the model is evaluated before a gradient search from the best."""
+STARTS = {True: 256, False: 96}
+"""Number of random points at which the model is evaluated, by whether its results are smooth functions of the
+parameters. A gradient search from the best point follows if they are."""
+CLOSER = (0.4, 0.15, 0.05, 0.02)
+"""Parts of the bounds in which other random points follow around the best one if they are not (-)."""
 UNUSED = ("pressure", "velocity")
 """Probes that the runs do not have: the plate might stand on them."""
 BETWEEN = 30
@@ -262,19 +265,32 @@ class _Proposer:
 
     def _climb(self, model: FastModel, low: Vector, high: Vector, x: Vector) -> tuple[float, Vector]:
         """Largest result between two bounds, and where it is; begins at the best of random points and x."""
-        given = model.theory.water, model.added
-        points = low + np.random.default_rng(0).random((STARTS, len(x))) * (high - low)
+        given, random = (model.theory.water, model.added), np.random.default_rng(0)
+        smooth, whole = model.theory.smooth, high - low
+        points = low + random.random((STARTS[smooth], len(x))) * whole
         points[0] = np.clip(x, low, high)
         found = np.asarray(self._several(jnp.asarray(points), *given))
         if not np.any(np.isfinite(found)):
             raise CaseError("the fast model has no prediction there: its periods do not cover the waves")
+        x, value = points[np.nanargmax(found)], np.nanmax(found)
+        if smooth:
+            return self._along_slopes(given, low, high, x)
+        for share in CLOSER:
+            points = np.clip(x + share * whole * (random.random(points.shape) - 0.5), low, high)
+            found = np.asarray(self._several(jnp.asarray(points), *given))
+            if np.nanmax(found) > value:
+                x, value = points[np.nanargmax(found)], np.nanmax(found)
+        return float(value), x
+
+    def _along_slopes(self, given: Any, low: Vector, high: Vector, x: Vector) -> tuple[float, Vector]:
+        """Largest result between two bounds and where it is, by a gradient search from x."""
 
         def falling(x: Vector) -> tuple[float, Vector]:
             value, slope = self._falling(jnp.asarray(x), *given)
             return float(value), np.asarray(slope, float)
 
         best = scipy.optimize.minimize(
-            falling, points[np.nanargmax(found)], method="L-BFGS-B", jac=True, bounds=np.stack([low, high], 1)
+            falling, x, method="L-BFGS-B", jac=True, bounds=np.stack([low, high], 1)
         )
         x = np.clip(best.x, low, high)
         return float(np.exp(-falling(x)[0])), x

@@ -1,0 +1,155 @@
+"""Fast theory, in time, of bodies whose links have laws that linear theory does not cover: latches, friction,
+end stops and ropes."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, TypeAlias
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxsph.case.bodies import link_laws
+from jaxsph.case.case import Case
+from jaxsph.case.section import choice
+from jaxsph.errors import CaseError
+from jaxsph.model.links import AbstractLaw
+from jaxsph.parts.links import Damper, EndStops, Friction, Latch, Laws, Spring
+from jaxsph.study.fast_bodies import BodyTheory
+from jaxsph.waves.body_motion import Tie, body_motion
+
+__all__ = ["MotionTheory"]
+
+LINK_FIELDS = {
+    "damping": (Damper, "linear"),
+    "quadratic": (Damper, "quadratic"),
+    "friction": (Friction, "size"),
+    "stop_stiffness": (EndStops, "stiffness"),
+    "latch": (Latch, "hold"),
+    "stiffness": (Spring, "stiffness"),
+}
+"""Laws of the keys of a link that a model can change, and the laws' fields."""
+TAKE_OFF_FIELDS = {
+    "damping": (Damper, "linear"),
+    "coulomb": (Friction, "size"),
+    "stop_stiffness": (EndStops, "stiffness"),
+    "spring": (Spring, "stiffness"),
+}
+"""The same for the power take-off of a body."""
+Change: TypeAlias = tuple[type[AbstractLaw], str, Any]
+"""A kind of law, its field, and the field's new value."""
+FAINT = 1e-6
+"""Damping of a link in linear theory that has no other force there, N s/m or N m s."""
+
+
+@dataclass(frozen=True)
+class MotionTheory(BodyTheory):
+    """Linear theory of the water, with drag and inertia of each free coordinate, and any law of the links.
+
+    Motions are found in time.
+    """
+
+    laws: Mapping[str, AbstractLaw] = field(default_factory=dict)
+    """Laws in the place of those of the case, by the names of the links."""
+
+    smooth: ClassVar[bool] = False
+
+    @classmethod
+    def suits(cls, case: Case) -> bool:
+        """Whether a link of a case has a law that needs motions in time."""
+        ptos = (one.pto for one in case.every_body.values())
+        return any(
+            one.friction or one.latch_damping or one.stop_stiffness or one.slack for one in case.link.values()
+        ) or any(pto.coulomb or pto.stop_stiffness for pto in ptos if pto is not None)
+
+    @classmethod
+    def linear(cls, case):
+        """See `BodyTheory`: without friction, latches and end stops, and with springs for ropes."""
+        changes: dict[str, Any] = {}
+        for name, one in case.link.items():
+            omitted = {"friction": 0.0, "stops": None, "stop_stiffness": 0.0, "slack": False}
+            omitted |= {"latch": None, "latch_damping": 0.0}
+            if not (one.damping or one.quadratic):
+                omitted["damping"] = FAINT
+            changes |= {f"link.{name}.{key}": value for key, value in omitted.items()}
+        for name, body in case.every_body.items():
+            if body.pto is not None:
+                key = f"{case.body_key(name)}.pto"
+                changes |= {f"{key}.coulomb": 0.0, f"{key}.stop": math.pi, f"{key}.stop_stiffness": 0.0}
+        return case.replace(changes)
+
+    @classmethod
+    def keys(cls, case):
+        """See `AbstractFastTheory`; a key is its own name in `respond`."""
+        sections = {f"{case.body_key(name)}.pto": one.pto for name, one in case.every_body.items() if one.pto}
+        sections |= {f"link.{name}": one for name, one in case.link.items() if not one.slack}
+        signed, found = cls.signed(case), {}
+        for name, section in sections.items():
+            fields = LINK_FIELDS if name.startswith("link.") else TAKE_OFF_FIELDS
+            each = {f"{name}.{field}": getattr(section, field) for field in fields}
+            found |= {key: key for key, value in each.items() if value or key in signed}
+        return found
+
+    def respond(self, added, values, waves):
+        """See `AbstractFastTheory`."""
+        for key, stiffness in self.signed(self.case).items():
+            if key in values:
+                self.check_at_rest(stiffness)
+        return body_motion(self.water, added, self._ties(values), waves)
+
+    def _ties(self, values: Any) -> tuple[Tie, ...]:
+        """Links with changed laws."""
+        found, of_link = [], self._changes(values)
+        laws = {**link_laws(self.case, np.float32), **self.laws}
+        for (name, link), way in zip(self.small.links.items(), self.water.ways, strict=True):
+            link = dataclasses.replace(link, law=_changed(name, laws[name], of_link.get(name, [])))
+            numbers = self.small.extensions[name], self.small.stiffness[name]
+            found.append(Tie(link, way, *(jnp.asarray(a, jnp.float32) for a in numbers)))
+        return tuple(found)
+
+    def _changes(self, values: Any) -> dict[str, list[Change]]:
+        """Laws that change, their fields and new values, by the names of the links."""
+        found: dict[str, list[Change]] = {}
+        ptos = {f"{self.case.body_key(body)}.pto": name for body, name in self.case.pto_names.items()}
+        for key, value in values.items():
+            section, _, field = key.rpartition(".")
+            name = ptos.get(section, section.partition(".")[2])
+            fields = TAKE_OFF_FIELDS if section in ptos else LINK_FIELDS
+            found.setdefault(name, []).append((*fields[field], value))
+        return found
+
+    @classmethod
+    def with_laws(cls, theory: BodyTheory, laws: Mapping[str, AbstractLaw]) -> MotionTheory:
+        """A theory with other laws of links, by their names. **Raises** CaseError for a link that is not
+        there."""
+        for name in laws:
+            if name not in theory.small.links:
+                raise CaseError(f"{name}: there is no such link; {choice(theory.small.links, 'links')}")
+        return cls(theory.case, theory.water, theory.small, theory.dampers, dict(laws))
+
+    def results(self, response):
+        """See `AbstractFastTheory`."""
+        found = {"xi": response.xi, "P_pto": response.P_pto}
+        for name, way in self.small.swings.items():
+            found[name] = jnp.abs(response.sizes @ jnp.asarray(way, jnp.float32))
+        return found
+
+
+def _changed(name: str, law: AbstractLaw, changes: list[Change]) -> AbstractLaw:
+    """Law of a link with new values of its fields; a spring is added where there is none.
+
+    **Raises** CaseError for changes of a law that is not that of the case.
+    """
+    if not changes:
+        return law
+    if not isinstance(law, Laws):
+        raise CaseError(f"{name} has a law of your own, whose parameters are not keys of the case")
+    each = list(law.laws)
+    for kind, of, value in changes:
+        if kind is Spring and not any(isinstance(one, Spring) for one in each):
+            each.append(Spring(np.float32(0.0), np.float32(0.0)))
+        each = [dataclasses.replace(one, **{of: value}) if isinstance(one, kind) else one for one in each]
+    return Laws(tuple(each))
