@@ -121,7 +121,7 @@ _ROOMS = {
     "study.ensemble": ("Ensemble",),
     "study.fast_model": ("FastModel", "calibrate"),
     "study.matrix": ("PowerMatrix", "power_matrix"),
-    "study.optimise": ("Maximum", "maximise"),
+    "study.optimise": ("Maximum", "best_parameters", "maximise"),
     "study.over_seas": ("OverSeas",),
     "study.scatter": ("ScatterTable",),
     "study.search": ("PerCost", "search"),

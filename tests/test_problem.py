@@ -110,6 +110,21 @@ def test_a_killed_program_resumes_to_the_bit_when_it_is_named_again(own, whole, 
 
 
 @pytest.mark.slow
+def test_a_function_whose_arguments_have_no_defaults_is_run_swept_and_resumed(tmp_path):
+    """Its values come from --set, from the sweep, and from the file of the run."""
+    file = tmp_path / "needy.py"
+    file.write_text(OWN.replace("def swell(amplitude=0.05, t1=0.2)", "def swell(amplitude, t1)"))
+    path = tmp_path / "run.h5"
+    given = ["--set", "amplitude=0.03", "--set", "t1=0.06"]
+    _command("run", f"{file}:swell", *given, "--out", path, "--no-plot", "--no-report", "--quiet")
+    _command("resume", path, "--program", f"{file}:swell", "--no-plot", "--no-report", "--quiet")
+    assert RunFile.open(path).case_keys()["arguments"] == {"amplitude": 0.03, "t1": 0.06}
+    program = js.Program.load(f"{file}:swell", {"amplitude": 0.03, "t1": 0.06})
+    done = js.sweep(program, {"amplitude": [0.02]}, tmp_path / "s.h5", workers=1, progress=False)
+    assert not done.failures and done["highest"][0] > 0.0
+    assert "amplitude is missing" in _command("run", f"{file}:swell", "--out", tmp_path / "n.h5", code=2)
+
+
 def test_a_sweep_of_a_function_runs_its_members_in_processes(own, whole, tmp_path):
     out = tmp_path / "sweep.h5"
     told = _command(

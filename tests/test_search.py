@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import re
 import tomllib
 
 import jax
@@ -12,6 +13,7 @@ from typer.testing import CliRunner
 
 import jaxsph as js
 from jaxsph.cli.app import app
+from jaxsph.output.sweep_file import Meanings, SweepFile
 from jaxsph.study import search as searching
 from jaxsph.study.fast_model import FastModel, Predicted
 from jaxsph.waves.fast_bodies import BodyAdditions
@@ -239,6 +241,14 @@ def test_files_of_another_search_are_refused(tmp_path, monkeypatch):
         js.search(CASE, {"pto.K_dm": (300.0, 800.0)}, tmp_path / "s.h5", progress=False)
 
 
+def test_the_best_device_needs_the_file_of_a_search(tmp_path):
+    SweepFile(tmp_path / "s.h5").write(CASE.to_toml(), {"t1": np.ones(1)}, (1,), {}, Meanings())
+    with pytest.raises(js.FileError, match=r"s\.h5 is not the file of a search"):
+        js.best_parameters(tmp_path / "s.h5")
+    done = CliRunner().invoke(app, ["check", "owc", "--set", "missing.h5"])
+    assert done.exit_code == 2 and "missing.h5" in done.output
+
+
 def test_the_command_searches_with_a_model(tmp_path, monkeypatch):
     calibrate, _ = _calibrated(lambda length: 1.8)
     monkeypatch.setattr(searching, "calibrate", calibrate)
@@ -248,6 +258,12 @@ def test_the_command_searches_with_a_model(tmp_path, monkeypatch):
     assert done.exit_code == 0, done.output
     assert "best: xi = " in done.output and "less than 1% more" in done.output
     assert " +- " in done.output and (tmp_path / "runs" / "owc_optimum.html").exists()
+    (best,) = js.best_parameters("runs/owc_optimum.h5").values()
+    best_in_words = re.search(r"best: xi = \S+ at pto.K_dm = (\S+)", done.output)[1]
+    assert best_in_words == f"{best:.4g}" and best != CASE.pto.K_dm
+    done = CliRunner().invoke(app, ["check", "owc", "--set", "dx=0.04", "--set", "runs/owc_optimum.h5"])
+    assert done.exit_code == 0, done.output
+    assert f"pto.K_dm = {best:.4g} by runs/owc_optimum.h5" in done.output
     priced = ["--cost", "fixed=2.0", "--cost", "pto.K_dm=0", "--out", "runs/priced.h5"]
     done = CliRunner().invoke(app, ["optimise", "owc", "--set", "dx=0.04", *over, *priced, "--quiet"])
     assert done.exit_code == 0, done.output

@@ -7,8 +7,9 @@ import dataclasses
 import enum
 import math
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any
 
 import typer
@@ -62,7 +63,8 @@ Settings = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Change one value, e.g. --set pto.K_dm=300. KEY= without a value removes the key. Repeatable.",
+        help="Change one value, e.g. --set pto.K_dm=300. KEY= without a value removes the key; the file of a "
+        "search, e.g. --set runs/owc_optimum.h5, gives the values of its best device. Repeatable.",
         autocompletion=_complete_key,
     ),
 ]
@@ -200,20 +202,30 @@ Program = Annotated[
 ]
 
 
-def load(name: str, settings: list[str] | None, quick: bool = False, t1: float | None = None) -> Any:
+def load(
+    name: str,
+    settings: list[str] | None,
+    quick: bool = False,
+    t1: float | None = None,
+    stored: Mapping[str, Any] = MappingProxyType({}),
+) -> Any:
     """Loads a case by name, or a program FILE.py:FUNCTION, with the values of --set; sets JAX's precision.
 
-    `quick`: whether to return the coarse form of the case, for a first look; `t1`: its new end time, s.
+    `quick`: whether to return the coarse form of the case, for a first look; `t1`: its new end time, s;
+    `stored`: values before those of --set.
     """
     import jaxsph as js
 
-    case = js.Program.load(name) if ".py" in name else js.load_case(name)
-    is_program = isinstance(case, js.Program)
-    if settings:
-        given, changes = case, dict(setting_of(text) for text in settings)
-        case = case.replace(changes)
-        if isinstance(case, js.Case):
-            print_notes(_dropped(given, case, changes))
+    changes = dict(stored)
+    for text in settings or ():
+        changes |= _best_of(text) if _is_search(text) else dict([setting_of(text)])
+    is_program = ".py" in name
+    if is_program:
+        case = js.Program.load(name, {key: value for key, value in changes.items() if value is not None})
+    else:
+        given = js.load_case(name)
+        case = given.replace(changes) if changes else given
+        print_notes(_dropped(given, case, changes))
     match_precision(case.arguments.get("precision") if is_program else getattr(case, "precision", None))
     interrupt.raise_again()
     case = js.coarsen(case) if quick else case
@@ -237,6 +249,20 @@ def _values(section: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     found = {}
     for name, value in section.items():
         found |= _values(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
+    return found
+
+
+def _is_search(text: str) -> bool:
+    """Whether a setting is the file of a search."""
+    return "=" not in text and text.strip().endswith(".h5")
+
+
+def _best_of(text: str) -> dict[str, float]:
+    """Values of the best device of a search, from its file, which are printed as a note."""
+    from jaxsph.study.optimise import best_parameters
+
+    found = best_parameters(text.strip())
+    print_notes([f"{', '.join(f'{key} = {value:.4g}' for key, value in found.items())} by {text.strip()}"])
     return found
 
 

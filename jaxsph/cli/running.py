@@ -26,10 +26,10 @@ from jaxsph.cli.arguments import (
     match_precision,
     setting_of,
 )
-from jaxsph.cli.spacing import run_with_error
+from jaxsph.cli.spacing import OtherScheme, run_with_error
 from jaxsph.cli.terminal import INTERRUPTED, messages, print_notes, print_table, write_page
 from jaxsph.core.native.forms import advice
-from jaxsph.errors import JaxsphError, SimulationError
+from jaxsph.errors import CaseError, JaxsphError, SimulationError
 from jaxsph.output.run_file import RunFile
 from jaxsph.report.doubts import doubts
 from jaxsph.report.labels import in_order, in_words, label_of, short
@@ -54,6 +54,7 @@ def run(
             "spacing; FILE is a sweep of all runs, by default runs/<name of the case>_error.h5.",
         ),
     ] = False,
+    other_scheme: OtherScheme = False,
     devices: Devices = None,
     process: Process = None,
     plot: Pictures = True,
@@ -70,9 +71,11 @@ def run(
             "--process": process is not None,
         }
         with messages(INTERRUPTED):
-            run_with_error(load(case, settings, quick, t1), out, refused, report, quiet)
+            run_with_error(load(case, settings, quick, t1), out, refused, other_scheme, report, quiet)
         return
     with messages():
+        if other_scheme:
+            raise CaseError("--other-scheme: needs --error, which gives results with their errors")
         is_first = _find(devices, process)
         loaded = load(case, settings, quick)
         out = out if out is not None else Path("runs") / f"{loaded.name}.h5"
@@ -113,7 +116,8 @@ def resume(
         stored = RunFile.open(file).case_keys()
         match_precision(stored.get("precision"))
         changes = dict(setting_of(text) for text in settings or [])
-        given = None if program is None else load(program, None)
+        # a function may have arguments without defaults
+        given = None if program is None else load(program, None, stored=stored.get("arguments", {}))
         with _resumable(file, program or ""):
             solution = js.resume(
                 file, t1=t1, progress=not quiet, changes=changes, devices=devices, given=given

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from jaxsph.errors import CaseError
+from jaxsph.errors import CaseError, FileError
 from jaxsph.output.hdf5 import tell_write_errors
 from jaxsph.output.sweep_file import Meanings, SweepFile
 from jaxsph.problem.source import Source, identity
@@ -46,6 +46,19 @@ class Maximum:
         """The best of the evaluations of a search over the parameters `names`."""
         best = max(history, key=lambda found: found[of])
         return cls(source.replace({name: best[name] for name in names}), of, best[of], reason, history)
+
+
+def best_parameters(path: str | Path) -> dict[str, float]:
+    """Parameters of the best evaluation of a search, by name, from the file of the search.
+
+    **Raises** FileError if the file is none of a search, or contains no evaluation.
+    """
+    stored = SweepFile(path).read()
+    known = [index for index in stored.members if stored.about.get("of") in stored.members[index]["results"]]
+    if "method" not in stored.about or not known:
+        raise FileError(f"{path} is not the file of a search with evaluations; give one of jaxsph optimise")
+    best = max(known, key=lambda index: stored.members[index]["results"][stored.about["of"]])
+    return stored.place(best)
 
 
 class Record(NamedTuple):
