@@ -190,7 +190,7 @@ def test_a_fit_finds_drag_and_inertia_of_exact_runs(name, tmp_path):
     [
         ("box_in_waves", {}, "a fast model of bodies needs a power take-off of a body, and no chamber"),
         ("owc_floating", {}, "a fast model of bodies needs a power take-off of a body, and no chamber"),
-        ("flap_3d", {}, r"tank\.width: the tank has three dimensions: a fast model needs linear theory"),
+        ("buoy_3d", {}, r"tank\.width: the tank has three dimensions: a fast model needs linear theory"),
     ],
 )
 def test_bodies_without_a_fast_model_are_refused(case, changes, words, tmp_path):

@@ -230,8 +230,19 @@ def test_the_error_of_the_spacing_is_that_of_the_members_which_have_limits():
         done.results[name] = np.full(POWERS.shape, np.nan)
         done.results[name][1, 1, 0] = share * done.results["P_owc"][1, 1, 0]
     found = matrix_of(done).annual(BETWEEN, a_model())
-    assert found.spacing == pytest.approx(0.05 * found.value)
+    assert found.spacing == pytest.approx(0.05 * found.value) and np.isnan(found.scheme)
     assert found.error == pytest.approx(np.hypot(np.hypot(found.waves, found.between), found.spacing))
+
+
+def test_the_error_of_the_scheme_is_that_of_the_members_which_both_schemes_ran():
+    """Powers that differ by 2 and 4 %, of which the two schemes are samples."""
+    done = a_sweep(like_the_model(0.0))
+    done.results["other scheme P_owc"] = np.full(POWERS.shape, np.nan)
+    for place, share in (((1, 1, 0), 0.98), ((0, 1, 0), 1.04)):
+        done.results["other scheme P_owc"][place] = share * done.results["P_owc"][place]
+    found = matrix_of(done).annual(BETWEEN, a_model())
+    assert found.scheme == pytest.approx(np.hypot(0.02, 0.04) / 2.0 * found.value, rel=1e-4)
+    assert found.error == pytest.approx(np.linalg.norm([found.waves, found.between, found.scheme]))
 
 
 def test_a_table_of_a_site_becomes_one_of_the_model(tmp_path):

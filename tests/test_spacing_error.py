@@ -1,5 +1,8 @@
 """Results without the error of the spacing: their limits, the study, and the command."""
 
+import dataclasses
+from pathlib import Path
+
 import numpy as np
 import pytest
 from conftest import coarse
@@ -80,6 +83,38 @@ def test_the_case_is_run_at_its_spacing_and_at_half_of_it(monkeypatch):
     assert list(found.results) == ["xi"]
     with pytest.raises(CaseError, match="no result 'unknown' in all runs; use one of xi"):
         found["unknown"]
+
+
+def test_the_other_scheme_runs_the_same_case(monkeypatch):
+    """Its difference, of which the two schemes are samples, is a part of the error."""
+    called, asked = _pretended(monkeypatch, {"xi": np.array([0.68, 0.64, 0.66, 0.65])}), []
+    pretended = spacing_error.sweep
+
+    def sweep(source, over, out, **options):
+        asked.append((source.scheme.kind, Path(out).name, source.dx))
+        done = pretended(source, over, out, **options)
+        return done if len(over) > 1 else dataclasses.replace(done, results={"xi": np.array([0.67])})
+
+    monkeypatch.setattr(spacing_error, "sweep", sweep)
+    found, plain = js.with_error(CASE, "any.h5", other_scheme=True), js.with_error(CASE, "any.h5")
+    kinds = {"weakly_compressible", "incompressible"}
+    assert asked[0][1:] == ("any.h5", CASE.dx) and asked[1][1:] == ("any_other_scheme.h5", CASE.dx)
+    assert {asked[0][0], asked[1][0]} == kinds and called["grid"] is False
+    assert found.error_of_scheme("xi") == pytest.approx(0.02 / np.sqrt(2.0))
+    assert found.error("xi") == pytest.approx(np.hypot(found["xi"].error, 0.02 / np.sqrt(2.0)))
+    assert np.isnan(plain.error_of_scheme("xi")) and plain.error("xi") == plain["xi"].error
+    rows = [" ".join(value.split()) for _, value in limit_rows(found, True)]
+    assert rows[0].endswith("other scheme") and rows[1].endswith("0.65 0.67")
+
+
+def test_a_scheme_that_cannot_run_the_case_is_named():
+    flume = js.load_case("owc").replace({"tank.depth": 0.4, "flume": {"length": 2.0, "factor": 2}})
+    assert spacing_error.with_other_scheme(js.load_case("owc")).scheme.kind == "weakly_compressible"
+    with pytest.raises(CaseError, match="the weakly compressible scheme cannot run this case: "):
+        js.with_error(flume, "any.h5", other_scheme=True)
+    for command in (["run", "owc"], ["sweep", "owc", "--grid", "pto.K_dm=300,900"]):
+        done = CliRunner().invoke(app, [*command, "--other-scheme"])
+        assert done.exit_code == 2 and "--other-scheme: needs --error" in done.output
 
 
 def test_all_runs_have_the_geometry_of_the_case(monkeypatch):
@@ -165,7 +200,8 @@ def test_limits_of_members_are_stored_in_the_file_of_the_sweep(monkeypatch, tmp_
 
     def pretended(case, out, **options):
         runs.append((case.waves.H, out.name))
-        return WithError((0.02, 0.01), {"xi": Limit(0.75, 0.02, 0.7, 0.725, 0.0)}, js.read_sweep(file.path))
+        limits = {"xi": Limit(0.75, 0.02, 0.7, 0.725, 0.0)}
+        return WithError((0.02, 0.01), limits, js.read_sweep(file.path), {"xi": 0.69})
 
     monkeypatch.setattr(spacing_error, "with_error", pretended)
     print_errors(js.read_sweep(out), [(1,)], out, None, quiet=True)
@@ -174,6 +210,7 @@ def test_limits_of_members_are_stored_in_the_file_of_the_sweep(monkeypatch, tmp_
     np.testing.assert_array_equal(done["xi"], [0.6, 0.7])
     np.testing.assert_array_equal(done["limit xi"], [np.nan, 0.75])
     np.testing.assert_array_equal(done["limit error xi"], [np.nan, 0.02])
+    np.testing.assert_array_equal(done["other scheme xi"], [np.nan, 0.69])
     content = sweep_content(file, Pack())
     assert [one["limits"] for one in content["members"]] == [{}, {"xi": (0.75, 0.02)}]
     assert [one["name"] for one in content["choices"]] == ["xi"]

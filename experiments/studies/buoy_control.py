@@ -63,8 +63,10 @@ def main(dx: float = 0.02, workers: int = 1) -> None:
                 report.row(f"{name}: {key}", value)
             report.row(f"{name}: mean power by the model", law.promised, "W/m")
             powers = [analysis.mean_with_error(one) for one in law.powers]
-            report.row(f"{name}: mean power in the water", np.mean([one.value for one in powers]), "W/m")
-            error = np.linalg.norm([one.error for one in powers]) / len(powers)
+            report.row(
+                f"{name}: mean power in the water", float(np.mean([one.value for one in powers])), "W/m"
+            )
+            error = float(np.linalg.norm([one.error for one in powers])) / len(powers)
             report.row(f"{name}: standard error of this power", error, "W/m")
             for Tp, power in zip(TABLE.Tp, powers, strict=True):
                 report.row(f"{name}: mean power in the sea with Tp = {Tp:g} s", power.value, "W/m")
@@ -153,7 +155,7 @@ def _trained(model: js.FastModel) -> tuple[np.ndarray, float]:
         value, slope = falling(x)
         best = min(best, (float(value), x), key=lambda one: one[0])
         change, state = optimiser.update(slope, state)
-        x = optax.apply_updates(x, change)
+        x = jnp.asarray(optax.apply_updates(x, change))
     return np.round(np.asarray(sizes * best[1], float), 4), -best[0]
 
 

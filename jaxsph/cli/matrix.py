@@ -21,7 +21,7 @@ from jaxsph.cli.arguments import (
     table_of,
     values_of,
 )
-from jaxsph.cli.spacing import ErrorAt, chosen_members, print_errors
+from jaxsph.cli.spacing import ErrorAt, OtherScheme, chosen_members, print_errors
 from jaxsph.cli.studies import Scheduler, announce, cluster, doubt, end_with_failures, note_members
 from jaxsph.cli.terminal import INTERRUPTED, messages, print_table, write_page
 from jaxsph.errors import CaseError
@@ -56,6 +56,7 @@ def matrix(
     ] = None,
     scale: Scale = 1.0,
     error_at: ErrorAt = None,
+    other_scheme: OtherScheme = False,
     settings: Settings = None,
     quick: Quick = False,
     t1: EndTime = None,
@@ -82,13 +83,13 @@ def matrix(
         fast = _model(model, loaded, scatter)
         if scatter is not None and fast is None:
             scatter.check_within(Hs, Tp)
-        places = chosen_members(loaded, over, error_at or (), scheduler)
+        places = chosen_members(loaded, over, error_at or (), scheduler, other_scheme)
         out = out if out is not None else Path("runs") / f"{loaded.name}_matrix.h5"
         if not quiet:
             note_members(loaded, {"waves.Hs": Hs, "waves.Tp": Tp})
             announce(loaded, out, len(Hs) * len(Tp) * seeds, None, scheduler)
         done = js.power_matrix(loaded, Hs, Tp, out, seeds=seeds, executor=executor, progress=not quiet)
-        print_errors(done.sweep, places, out, None, quiet)
+        print_errors(done.sweep, places, out, None, quiet, other_scheme)
         if places:
             done = matrix_of(js.read_sweep(out))
         unknown = _print_matrix(done, scatter, fast, scale, out)
@@ -160,6 +161,7 @@ def _year(done: Any, scatter: Any, fast: Any, scale: float, out: Path) -> list[t
         "  error due to the random seas": mean.waves,
         "  error in sea states without runs": mean.between,
         "  error due to the spacing": mean.spacing,
+        "  error due to the scheme": mean.scheme,
     }
     rows += [(label, f"{error:.1g} {done.unit}") for label, error in origins.items() if error > 0.0]
     rows += [(f"the same at {scale:g} times the lengths", f"{at_scale} {done.unit}")] if scale != 1.0 else []

@@ -23,7 +23,7 @@ from jaxsph.cli.arguments import (
     load,
     values_of,
 )
-from jaxsph.cli.spacing import ErrorAt, chosen_members, print_errors
+from jaxsph.cli.spacing import ErrorAt, OtherScheme, chosen_members, print_errors
 from jaxsph.cli.terminal import INTERRUPTED, messages, print_notes, print_table, write_page
 from jaxsph.errors import CaseError
 from jaxsph.report.doubts import doubts_of_members
@@ -52,6 +52,7 @@ def sweep(
     settings: Settings = None,
     quick: Quick = False,
     error_at: ErrorAt = None,
+    other_scheme: OtherScheme = False,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help="File; default: runs/<name of the case>_sweep.h5"),
@@ -74,7 +75,7 @@ def sweep(
         if t1 is not None and "t1" in over:
             raise CaseError("--t1: t1 is also a parameter of --grid; give only one of the two")
         loaded = load(case, settings, quick, t1)
-        places = chosen_members(loaded, over, error_at or (), scheduler)
+        places = chosen_members(loaded, over, error_at or (), scheduler, other_scheme)
         out = out if out is not None else Path("runs") / f"{loaded.name}_sweep.h5"
         if not quiet:
             _refuse_equal(loaded, over)
@@ -86,7 +87,7 @@ def sweep(
         if not quiet:
             print_table(_sweep_rows(done))
             doubt(loaded, done)
-        print_errors(done, places, out, workers, quiet)
+        print_errors(done, places, out, workers, quiet, other_scheme)
         typer.echo(f"recorded in {out}")
         write_page(out, report, quiet)
         end_with_failures(done)

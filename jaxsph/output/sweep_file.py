@@ -36,6 +36,8 @@ from jaxsph.output.hdf5 import (
 
 LIMIT, LIMIT_ERROR = "limit ", "limit error "
 """Beginnings of the names of results that are limits for spacing zero, and of the names of their errors."""
+OTHER = "other scheme "
+"""Beginning of the names of results of the same case with the other scheme."""
 
 
 class Meanings(NamedTuple):

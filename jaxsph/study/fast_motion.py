@@ -115,10 +115,10 @@ class MotionTheory(BodyTheory):
         found: dict[str, list[Change]] = {}
         ptos = {f"{self.case.body_key(body)}.pto": name for body, name in self.case.pto_names.items()}
         for key, value in values.items():
-            section, _, field = key.rpartition(".")
-            name = ptos.get(section, section.partition(".")[2])
+            section, _, of = key.rpartition(".")
+            name = ptos[section] if section in ptos else section.removeprefix("link.")
             fields = TAKE_OFF_FIELDS if section in ptos else LINK_FIELDS
-            found.setdefault(name, []).append((*fields[field], value))
+            found.setdefault(name, []).append((*fields[of], value))
         return found
 
     @classmethod
@@ -150,6 +150,6 @@ def _changed(name: str, law: AbstractLaw, changes: list[Change]) -> AbstractLaw:
     each = list(law.laws)
     for kind, of, value in changes:
         if kind is Spring and not any(isinstance(one, Spring) for one in each):
-            each.append(Spring(np.float32(0.0), np.float32(0.0)))
+            each.append(Spring(*(jnp.zeros((), jnp.float32) for _ in range(2))))
         each = [dataclasses.replace(one, **{of: value}) if isinstance(one, kind) else one for one in each]
     return Laws(tuple(each))

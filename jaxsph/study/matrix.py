@@ -19,7 +19,7 @@ from jaxsph.case.case import Case
 from jaxsph.case.linear import linear_sea, sea_is_linear
 from jaxsph.case.results import mean_of_power
 from jaxsph.errors import CaseError
-from jaxsph.output.sweep_file import LIMIT, LIMIT_ERROR
+from jaxsph.output.sweep_file import LIMIT, LIMIT_ERROR, OTHER
 from jaxsph.study.fast_model import FastModel
 from jaxsph.study.scatter import ScatterTable
 from jaxsph.study.sweep import MOST_MEMBERS, Sweep, sweep
@@ -40,6 +40,8 @@ class Year(NamedTuple):
     """Error of the power in sea states that differ from those of the runs; NaN if it is unknown."""
     spacing: float
     """Error due to the spacing of the particles; NaN if no run was repeated with half of its spacing."""
+    scheme: float
+    """Error due to the scheme; NaN if no run was repeated with the other scheme."""
 
     @property
     def error(self) -> float:
@@ -111,7 +113,8 @@ class PowerMatrix:
         part = np.sum((share * here)[other]) / np.sum(share * here)
         between = part * _scatter(self.P / usual, model) if np.any(other) else 0.0
         waves = float(np.linalg.norm(weight * error))
-        return Year(value, waves, between * value, self._error_of_spacing() * value)
+        spacing, scheme = self._error_of_spacing() * value, self._error_of_scheme() * value
+        return Year(value, waves, between * value, spacing, scheme)
 
     def annual_linear(self, table: ScatterTable) -> float:
         """Mean power over the year of a scatter table by linear theory, W/m; NaN if the theory does not cover
@@ -138,6 +141,15 @@ class PowerMatrix:
         of_run, limit, error = (self.sweep[before + power] for before in ("", LIMIT, LIMIT_ERROR))
         off = np.hypot(limit / of_run - 1.0, error / of_run)
         return float(np.sqrt(np.nanmean(off**2)))
+
+    def _error_of_scheme(self) -> float:
+        """Relative error due to the scheme, from the members that the other scheme ran too (-); NaN without
+        any. The two schemes are samples, so that their difference is sqrt(2) times as large."""
+        power = _name_of_power(self.sweep)
+        if OTHER + power not in self.sweep.results:
+            return float("nan")
+        off = self.sweep[OTHER + power] / self.sweep[power] - 1.0
+        return float(np.sqrt(np.nanmean(off**2) / 2.0))
 
 
 def powers_of_model(model: FastModel, Hs: NDArray, Tp: NDArray) -> NDArray[np.float64]:

@@ -1,10 +1,12 @@
-"""`with_error`: results of a case with the error of the particle spacing, from runs at two spacings."""
+"""`with_error`: results of a case with the errors of the particle spacing, from runs at two spacings, and of
+the scheme, from a run with the other one."""
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +15,9 @@ import numpy as np
 from jaxsph.analysis.spacing import Limit, limit
 from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry
+from jaxsph.case.sections import SCHEMES
 from jaxsph.errors import CaseError
-from jaxsph.output.sweep_file import LIMIT, LIMIT_ERROR, SweepFile
+from jaxsph.output.sweep_file import LIMIT, LIMIT_ERROR, OTHER, SweepFile
 from jaxsph.problem.sources import source_of
 from jaxsph.study.sweep import Sweep, sweep
 
@@ -37,6 +40,8 @@ class WithError:
     """Limit of each result that all runs have, by name."""
     runs: Sweep
     """All runs."""
+    other_scheme: Mapping[str, float] = field(default_factory=dict)
+    """Results at the larger spacing with the other scheme, by name, if it was run."""
 
     def __getitem__(self, name: str) -> Limit:
         """Limit of a result. **Raises** CaseError for a result that not all runs have."""
@@ -44,9 +49,24 @@ class WithError:
             raise CaseError(f"no result {name!r} in all runs; use one of {', '.join(sorted(self.results))}")
         return self.results[name]
 
+    def error_of_scheme(self, name: str) -> float:
+        """Standard error of a result due to the scheme, of which the two schemes are samples; NaN if the
+        result with the other scheme is not known."""
+        return abs(self.other_scheme.get(name, np.nan) - self[name].coarse) / math.sqrt(2.0)
+
+    def error(self, name: str) -> float:
+        """Error of a result due to its spacing and, if it is known, to the scheme."""
+        return float(np.hypot(self[name].error, np.nan_to_num(self.error_of_scheme(name))))
+
 
 def with_error(
-    given: Any, out: str | Path, *, repeats: int = 3, workers: int | None = None, progress: bool = True
+    given: Any,
+    out: str | Path,
+    *,
+    repeats: int = 3,
+    other_scheme: bool = False,
+    workers: int | None = None,
+    progress: bool = True,
 ) -> WithError:
     """Runs a case `repeats` times at its spacing and once at half of it, and extrapolates all results.
 
@@ -56,8 +76,9 @@ def with_error(
     in the water's density by a hundred-thousandth, so that their scatter becomes visible.
 
     **Arguments**: `given`: a case; `out`: the file of all runs, a sweep, from which a
-    repeated call continues; `repeats`: two or more; `workers`: number of runs at a time, by default one per
-    core. **Raises** CaseError, also if a run fails; FileError, as `sweep`.
+    repeated call continues; `repeats`: two or more; `other_scheme`: whether to run the case also with the
+    other scheme, in a file beside `out`; `workers`: number of runs at a time, by default one per core.
+    **Raises** CaseError, also if a run fails; FileError, as `sweep`.
     """
     source = source_of(given)
     if not isinstance(source, Case):
@@ -69,13 +90,37 @@ def with_error(
     spacings = [source.dx / FINER, *[source.dx] * repeats]  # the longest run begins first
     densities = [source.fluid.rho0 * (1.0 + NUDGE * k) for k in (0, *range(repeats))]
     over = {"dx": spacings, "fluid.rho0": densities}
+    other = with_other_scheme(source) if other_scheme else None
     done = sweep(source, over, out, grid=False, workers=workers, progress=progress)
     for (k,), text in done.failures.items():
         raise CaseError(f"the run with dx = {spacings[k]:g} m failed: {text}")
     results = {name: values for name, values in done.results.items() if name not in OF_THE_RUN}
     known = {name: values for name, values in results.items() if np.all(np.isfinite(values))}
     found = {name: limit(np.asarray(spacings), values) for name, values in known.items()}
-    return WithError((source.dx, source.dx / FINER), found, done)
+    others = {} if other is None else _one_run(other, Path(out), progress)
+    return WithError((source.dx, source.dx / FINER), found, done, others)
+
+
+def with_other_scheme(case: Case) -> Case:
+    """The case with the other of the two schemes, whose keys have their defaults.
+
+    **Raises** CaseError if this scheme cannot run the case.
+    """
+    (kind,) = SCHEMES.keys() - {case.scheme.kind}
+    try:
+        return case.replace({"scheme": {"kind": kind}})
+    except CaseError as error:
+        raise CaseError(f"the {kind.replace('_', ' ')} scheme cannot run this case: {error}") from None
+
+
+def _one_run(case: Case, out: Path, progress: bool) -> dict[str, float]:
+    """Finite results of a case, in a file beside `out`. **Raises** CaseError if the run fails."""
+    path, over = out.with_name(f"{out.stem}_other_scheme.h5"), {"fluid.rho0": [case.fluid.rho0]}
+    done = sweep(case, over, path, grid=False, progress=progress)
+    for text in done.failures.values():
+        raise CaseError(f"the run with the {case.scheme.kind.replace('_', ' ')} scheme failed: {text}")
+    found = {name: float(values[0]) for name, values in done.results.items() if name not in OF_THE_RUN}
+    return {name: value for name, value in found.items() if np.isfinite(value)}
 
 
 def members_at(
@@ -106,13 +151,16 @@ def errors_of_members(
     out: str | Path,
     *,
     repeats: int = 3,
+    other_scheme: bool = False,
     workers: int | None = None,
     progress: bool = True,
 ) -> dict[tuple[int, ...], WithError]:
     """Limits of the results of some members of a sweep for spacing zero, by the members' indices.
 
     The limits are stored in the sweep's file as results of the members: "limit xi" and "limit error xi", for
-    example. **Arguments**: `done`: a sweep of a case; `places`: indices of members, see `members_at`; `out`:
+    example, and results with the other scheme as "other scheme xi".
+
+    **Arguments**: `done`: a sweep of a case; `places`: indices of members, see `members_at`; `out`:
     the sweep's file, beside which the runs of member k have the file `<out>_error_<k>.h5`; the others as in
     `with_error`. **Raises** CaseError, FileError as `with_error`.
     """
@@ -121,10 +169,13 @@ def errors_of_members(
     file, found = SweepFile(Path(out).resolve()), {}
     for place in places:
         case, runs = done.case.replace(done.at(place)), runs_of_member(done, place, file.path)
-        one = with_error(case, runs, repeats=repeats, workers=workers, progress=progress)
+        one = with_error(
+            case, runs, repeats=repeats, other_scheme=other_scheme, workers=workers, progress=progress
+        )
         found[place] = one
         limits = {LIMIT + name: limit.value for name, limit in one.results.items()}
         limits |= {LIMIT_ERROR + name: limit.error for name, limit in one.results.items()}
+        limits |= {OTHER + name: value for name, value in one.other_scheme.items()}
         file.add_results(_index(done, place), limits)
     return found
 

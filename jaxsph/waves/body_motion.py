@@ -75,28 +75,6 @@ class BodyMotion(NamedTuple):
     deviations, m or rad."""
 
 
-class _State(NamedTuple):
-    """Bodies and links at one time."""
-
-    x: Float[Array, " n"]
-    v: Float[Array, " n"]
-    links: tuple[LinkMotion, ...]
-    past: Float[Array, "L n"]
-    """Rates in the last L steps, in a ring."""
-
-
-class _Water(NamedTuple):
-    """Equation of motion of the bodies in the water, for one time step."""
-
-    mass: Float[Array, "n n"]
-    damping: Float[Array, "n n"]
-    stiffness: Float[Array, "n n"]
-    """Without that of the links."""
-    ring: Float[Array, "M n n"]
-    """Weights of the rates in the last L steps, in reverse, twice."""
-    drag: Float[Array, " n"]
-
-
 def body_motion(
     water: BodySeries, added: BodyAdditions, ties: tuple[Tie, ...], waves: Incident
 ) -> BodyMotion:
@@ -205,8 +183,8 @@ class _Water(NamedTuple):
             pulls.append((s, pull))
         a = jnp.linalg.solve(matrix, force)
         links, harvested = [], jnp.zeros(())
-        for one, motion, pull in zip(ties, state.links, pulls, strict=True):
-            done, taken = one.link.done(motion, *pull, a, t, dt)
+        for one, motion, (s, pull) in zip(ties, state.links, pulls, strict=True):
+            done, taken = one.link.done(motion, s, pull, a, t, dt)
             links.append(done)
             if one.link.harvests:
                 harvested = harvested + sum(taken.values(), jnp.zeros(())) / dt
