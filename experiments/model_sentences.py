@@ -134,14 +134,36 @@ OF_MODELS = (
         )
     ),
     Sentence(
-        "power with reactive control is {:.2f} times that with damping alone, and the\n"
-        "model had promised {:.2f} times",
-        lambda r: (
-            r("reactive_control_0.02", "mean power with reactive control over that with constant damping"),
-            r("reactive_control_0.02", "reactive control: mean power by the model")
-            / r("reactive_control_0.02", "constant damping: mean power by the model"),
+        "An answer takes {:.0f} ms in regular waves,\n{:.0f} ms in a sea",
+        lambda r: tuple(
+            1e3 * r("buoy_control_0.02", f"latching: time of an answer in {waves}")
+            for waves in ("regular waves", "a sea")
         ),
         (FAST,),
+    ),
+    *(
+        Sentence(
+            text,
+            lambda r, name=name: (
+                r("buoy_control_0.02", f"{name}: mean power over that with constant damping"),
+                r("buoy_control_0.02", f"{name}: standard error of this ratio"),
+                r("buoy_control_0.02", f"{name}: mean power by the model")
+                / r("buoy_control_0.02", "constant damping: mean power by the model"),
+            ),
+            (FAST,),
+        )
+        for name, text in (
+            (
+                "reactive control",
+                "power with reactive control is {:.2f} ± {:.2f} times that with a constant damping, and the "
+                "model had\npromised {:.2f} times",
+            ),
+            ("latching", "power with the latch is {:.2f} ± {:.2f} times that without (promised: {:.2f})"),
+            (
+                "network",
+                "the mean power is {:.2f} ± {:.2f} times that with a constant\ndamping (promised: {:.2f})",
+            ),
+        )
     ),
     Sentence(
         "is then known to {:.2f} 1/m; a cubic through the same runs gives {:.2f} 1/m",

@@ -24,7 +24,7 @@ import jaxsph as js
 from experiments import __main__ as experiments
 from jaxsph.case.case import Case, key_names
 from jaxsph.cli.app import app
-from jaxsph.cli.arguments import bounds_of, setting_of, values_of
+from jaxsph.cli.arguments import bounds_of, is_search, setting_of, values_of
 from jaxsph.run import chunks
 
 ROOT = Path(__file__).parents[1]
@@ -178,7 +178,7 @@ def test_command_lines_are_understood(line):
     context = known[name].make_context(name, words)
     case, settings = context.params.get("case"), context.params.get("settings") or []
     if case in js.built_in_cases():
-        changes = dict(setting_of(text) for text in settings)
+        changes = dict(setting_of(text) for text in settings if not is_search(text))
         for axis in context.params.get("grid") or []:
             key, values = values_of(axis)
             changes |= {key: values[0]}

@@ -249,6 +249,24 @@ def test_the_best_device_needs_the_file_of_a_search(tmp_path):
     assert done.exit_code == 2 and "missing.h5" in done.output
 
 
+def test_the_model_of_a_search_is_that_of_its_best_device(tmp_path):
+    path, values = tmp_path / "s.h5", {"pto.K_dm": np.array([500.0, 700.0, 900.0])}
+    members = {
+        k: {"results": {"xi": xi}, "series": {}, "failure": ""} for k, xi in enumerate((0.5, 0.7, 0.6))
+    }
+    about = {"of": "xi", "method": "model"}
+    SweepFile(path).write(CASE.to_toml(), values, (3,), members, Meanings(), about)
+    assert js.best_parameters(path) == {"pto.K_dm": 700.0}
+    with pytest.raises(js.FileError, match=r"s\.h5\.models.*01\.json: No such file"):
+        FastModel.read(path)
+    (tmp_path / "s.h5.models").mkdir()
+    model = dataclasses.replace(_theory(CASE), runs=(FOUND,))
+    model.write(tmp_path / "s.h5.models" / "01.json")
+    assert FastModel.read(path).runs == (FOUND,)
+    done = CliRunner().invoke(app, ["predict", str(path), "--grid", "pto.K_dm=700"])
+    assert done.exit_code == 0 and "pto.K_dm = 700" in done.output, done.output
+
+
 def test_the_command_searches_with_a_model(tmp_path, monkeypatch):
     calibrate, _ = _calibrated(lambda length: 1.8)
     monkeypatch.setattr(searching, "calibrate", calibrate)

@@ -9,8 +9,9 @@ fitted to the runs of the second law. All are then run in three seas.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
-from typing import NamedTuple
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -46,6 +47,8 @@ HIDDEN = 6
 """Number of hidden units of the network."""
 SIZES = np.array([1.0 / 0.03, 1.0 / 0.15, 40.0])
 """Inverse sizes of the position (1/m) and the speed (s/m), and size of the force (N/m)."""
+SEAS = 60
+"""Number of seas of a year whose time is measured."""
 TRAINING = 80
 """Number of steps of the training."""
 
@@ -70,6 +73,11 @@ def main(dx: float = 0.02, workers: int = 1) -> None:
             report.row(f"{name}: standard error of this power", error, "W/m")
             for Tp, power in zip(TABLE.Tp, powers, strict=True):
                 report.row(f"{name}: mean power in the sea with Tp = {Tp:g} s", power.value, "W/m")
+        in_time = laws["latching"].models[-1]
+        for name, error in in_time.error.items():
+            report.row(f"latching: error of the model's {name}, runs left out", 100.0 * error, "%")
+        for name, seconds in _times(in_time).items():
+            report.row(f"latching: {name}", seconds, "s")
         usual, *others = laws
         for name in others:
             ratio = _ratio(laws[usual].powers, laws[name].powers)
@@ -157,6 +165,26 @@ def _trained(model: js.FastModel) -> tuple[np.ndarray, float]:
         change, state = optimiser.update(slope, state)
         x = jnp.asarray(optax.apply_updates(x, change))
     return np.round(np.asarray(sizes * best[1], float), 4), -best[0]
+
+
+def _times(model: js.FastModel) -> dict[str, float]:
+    """Times of answers of a compiled model, s: the best of three."""
+    sea, every = {"waves.Hs": HS, "waves.Tp": 1.3}, np.linspace(1.15, 1.5, SEAS)
+    year = js.ScatterTable(np.full(SEAS, HS), every, np.full(SEAS, 1.0 / SEAS))
+    answers: dict[str, Callable[[float], Any]] = {
+        "time of an answer in regular waves": lambda hold: model.results({HOLD: hold}),
+        "time of an answer in a sea": lambda hold: model.results({HOLD: hold, **sea}),
+        f"time of a year of {SEAS} seas": lambda hold: model.annual(year, {HOLD: hold}),
+    }
+    found = {}
+    for name, answer in answers.items():
+        compiled, times = jax.jit(answer), []
+        for hold in (0.1, 0.11, 0.12, 0.13):
+            began = time.perf_counter()
+            jax.block_until_ready(compiled(hold))
+            times.append(time.perf_counter() - began)
+        found[name] = min(times[1:])
+    return found
 
 
 def _ratio(usual: list[np.ndarray], other: list[np.ndarray]) -> analysis.Mean:

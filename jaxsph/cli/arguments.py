@@ -218,7 +218,7 @@ def load(
 
     changes = dict(stored)
     for text in settings or ():
-        changes |= _best_of(text) if _is_search(text) else dict([setting_of(text)])
+        changes |= _best_of(text) if is_search(text) else dict([setting_of(text)])
     is_program = ".py" in name
     if is_program:
         case = js.Program.load(name, {key: value for key, value in changes.items() if value is not None})
@@ -252,7 +252,7 @@ def _values(section: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     return found
 
 
-def _is_search(text: str) -> bool:
+def is_search(text: str) -> bool:
     """Whether a setting is the file of a search."""
     return "=" not in text and text.strip().endswith(".h5")
 

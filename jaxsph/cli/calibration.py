@@ -93,7 +93,12 @@ def _quantity(model: Any, name: str, value: float) -> str:
 
 
 def predict(
-    model: Annotated[Path, typer.Argument(metavar="MODEL", help="File of a fast model.", show_default=False)],
+    model: Annotated[
+        Path,
+        typer.Argument(
+            metavar="MODEL", help="File of a fast model, or of a search with one.", show_default=False
+        ),
+    ],
     grid: Annotated[
         list[str] | None,
         typer.Option(

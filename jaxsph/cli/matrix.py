@@ -51,7 +51,8 @@ def matrix(
     model: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="Fast model of the device, for sea states of --table without runs."
+            metavar="FILE",
+            help="Fast model of the device, or a search with one, for sea states of --table without runs.",
         ),
     ] = None,
     scale: Scale = 1.0,

@@ -33,6 +33,7 @@ from jaxsph.study.fast_bodies import BodyTheory
 from jaxsph.study.fast_column import ColumnTheory
 from jaxsph.study.fast_motion import MotionTheory
 from jaxsph.study.fast_theory import AbstractFastTheory
+from jaxsph.study.optimise import best_index
 from jaxsph.study.scatter import ScatterTable
 from jaxsph.study.sweep import Sweep, sweep
 from jaxsph.waves.fast_owc import Incident
@@ -45,6 +46,8 @@ VARIED = {"waves.H": (1.0, 1.0, 1.5, 0.75, 1.25), "waves.T": (1.0, 5 / 6, 7 / 6,
 DAMPED = (1.0, 0.5, 0.5, 2.0, 0.75)
 """Factors of the dampings in the same runs (-). Short waves and small dampings, at which losses and inertia
 change the response most, occur more than once."""
+MODELS = "models"
+"""End of the name of the folder of a search's models."""
 LEAST = 4
 """Least number of runs, so that each can be left out of a fit of two values."""
 PERIODS = (0.25, 0.6, 2.2)
@@ -233,8 +236,13 @@ class FastModel:
 
     @classmethod
     def read(cls, path: str | Path) -> FastModel:
-        """Model from its file. **Raises** FileError if the file is none of a model."""
+        """Model from its file, or that of the best device from the file of a `search`.
+
+        **Raises** FileError if the file is none of these.
+        """
         try:
+            if Path(path).suffix == ".h5":
+                path = model_of_search(Path(path), best_index(path))
             content = json.loads(Path(path).read_text(encoding="utf-8"))
             case = Case.from_dict(content["case"])
             if "series" not in content:
@@ -293,6 +301,11 @@ def kind_of(case: Case) -> type[AbstractFastTheory]:
     if not any(one.free for one in case.every_body.values()):
         return ColumnTheory
     return MotionTheory if MotionTheory.suits(case) else BodyTheory
+
+
+def model_of_search(out: Path, k: int) -> Path:
+    """File of the model of device k (from 0) of a search with the file `out`."""
+    return out.with_name(f"{out.name}.{MODELS}") / f"{k:02d}.json"
 
 
 def runs_of(path: Path) -> Path:

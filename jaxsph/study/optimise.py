@@ -53,12 +53,17 @@ def best_parameters(path: str | Path) -> dict[str, float]:
 
     **Raises** FileError if the file is none of a search, or contains no evaluation.
     """
+    return SweepFile(path).read().place(best_index(path))
+
+
+def best_index(path: str | Path) -> int:
+    """Number of the best evaluation of a search, from 0; path and errors as for `best_parameters`."""
     stored = SweepFile(path).read()
-    known = [index for index in stored.members if stored.about.get("of") in stored.members[index]["results"]]
-    if "method" not in stored.about or not known:
+    of = stored.about.get("of")
+    found = {index: one["results"][of] for index, one in stored.members.items() if of in one["results"]}
+    if "method" not in stored.about or not found:
         raise FileError(f"{path} is not the file of a search with evaluations; give one of jaxsph optimise")
-    best = max(known, key=lambda index: stored.members[index]["results"][stored.about["of"]])
-    return stored.place(best)
+    return max(found, key=lambda index: found[index])
 
 
 class Record(NamedTuple):

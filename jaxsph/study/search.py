@@ -23,7 +23,17 @@ from numpy.typing import NDArray
 from jaxsph.case.case import Case
 from jaxsph.errors import CaseError
 from jaxsph.study.fast_column import LENGTHS
-from jaxsph.study.fast_model import DAMPED, LEAST, FastModel, calibrate, check, kind_of, members_around
+from jaxsph.study.fast_model import (
+    DAMPED,
+    LEAST,
+    MODELS,
+    FastModel,
+    calibrate,
+    check,
+    kind_of,
+    members_around,
+    model_of_search,
+)
 from jaxsph.study.optimise import Maximum, Record, check_bounds
 from jaxsph.study.ownership import only_study
 from jaxsph.study.scatter import ScatterTable
@@ -152,14 +162,14 @@ def search(
         used = table.used
         periods = float(used.Tp.min()), float(used.Tp.max())
     with only_study(Path(out)):
-        record = Record(Path(out), case, [*over], about, "models")
+        record = Record(Path(out), case, [*over], about, MODELS)
         record.begin()
 
         def fit(here: Case, k: int) -> FastModel:
             runs = {key: values[: None if k == 0 else LEAST] for key, values in members_around(here).items()}
             return calibrate(
                 here,
-                record.folder / f"{k:02d}.json",
+                model_of_search(record.path, k),
                 over=runs,
                 periods=periods,
                 workers=workers,

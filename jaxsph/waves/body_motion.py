@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.core.arrays import Array, Float, Scalar
+from jaxsph.core.loop import every_block
 from jaxsph.model.links import Link, LinkMotion
 from jaxsph.waves import theory
 from jaxsph.waves.fast_bodies import BodyAdditions, BodySeries
@@ -91,12 +92,12 @@ def body_motion(
     drive = drive * jnp.minimum(t / t[RAMP * STEPS], 1.0)[:, None]
     equation, none = _Water.of(water, added, ties, waves, dt), jnp.zeros(len(water.mass))
     links = tuple(one.link.start(one.rest, t[0]) for one in ties)
-    start = _State(none, none, links, jnp.zeros((MEMORY * STEPS, len(none))))
+    start = _State(jnp.zeros((), int), none, none, links, jnp.zeros((MEMORY * STEPS, len(none))))
 
-    def step(state: _State, given: tuple[Array, Array, Array]) -> tuple[_State, Any]:
-        return equation.step(ties, state, *given, dt)
+    def step(state: _State, _: None) -> tuple[_State, Any]:
+        return equation.step(ties, state, t[state.k], drive[state.k], dt)
 
-    _, (x, harvested, lost) = jax.lax.scan(step, start, (jnp.arange(count), t, drive))
+    _, (x, harvested, lost) = every_block(step, start, count)
     x, P_pto = x[first:], jnp.mean(harvested[first:])
     each = theory.incident_power(
         2.0 * waves.amplitude, 2.0 * jnp.pi / omega, water.depth, water.rho0, water.g
@@ -112,6 +113,8 @@ def body_motion(
 class _State(NamedTuple):
     """Bodies and links at one time."""
 
+    k: Array
+    """Number of steps before it."""
     x: Float[Array, " n"]
     v: Float[Array, " n"]
     links: tuple[LinkMotion, ...]
@@ -162,11 +165,11 @@ class _Water(NamedTuple):
         )
 
     def step(
-        self, ties: tuple[Tie, ...], state: _State, k: Scalar, t: Scalar, drive: Array, dt: Scalar
+        self, ties: tuple[Tie, ...], state: _State, t: Scalar, drive: Array, dt: Scalar
     ) -> tuple[_State, tuple[Array, Array, Array]]:
-        """State after step k, whose middle is at t (s); coordinates there, harvested power and power lost by
+        """State after a step whose middle is at t (s); coordinates there, harvested power and power lost by
         drag (W/m). `drive`: forces of the waves."""
-        length = len(state.past)
+        length, k = len(state.past), state.k
         x, v = state.x + 0.5 * dt * state.v, state.v
         weights = jax.lax.dynamic_slice_in_dim(self.memory, (-k) % length, length)
         force = drive - self.stiffness @ x - self.damping @ v - self.drag * jnp.abs(v) * v
@@ -191,7 +194,7 @@ class _Water(NamedTuple):
         mean, end = v + 0.5 * dt * a, v + dt * a
         past = jax.lax.dynamic_update_index_in_dim(state.past, mean, k % length, 0)
         lost = jnp.sum(self.drag * jnp.abs(mean) ** 3)
-        return _State(x + 0.5 * dt * end, end, tuple(links), past), (x, harvested, lost)
+        return _State(k + 1, x + 0.5 * dt * end, end, tuple(links), past), (x, harvested, lost)
 
 
 def _phases(count: int) -> Float[Array, " N"]:
