@@ -239,6 +239,30 @@ def test_a_stiffness_that_moves_the_bodies_is_refused():
         heavy.results({"link.take_off.stiffness": 100.0})
 
 
+def test_links_that_act_otherwise_at_rest_are_refused():
+    """The equilibrium of linear theory would not be theirs."""
+    rope = {"between": ["tank", "body"], "at": [[3.15, 0.0], [3.15, 0.3]], "slack": True, "stiffness": 800.0}
+    for change, words in (
+        ({"link.take_off.stops": [0.01, 0.05], "link.take_off.stop_stiffness": 1e3}, "a stop acts at rest"),
+        ({"link.rope": rope | {"rest": 0.35}}, r"link\.rope is slack at rest"),
+    ):
+        with pytest.raises(js.CaseError, match=words):
+            FastModel.of_theory(BUOY.replace(change))
+
+
+def test_a_model_moves_to_a_device_with_a_latch_and_keeps_its_additions_and_laws(tmp_path):
+    model = dataclasses.replace(_model(BUOY), added=ADDED)
+    latched = model.moved(LATCHED)
+    assert isinstance(latched.theory, MotionTheory) and latched.added == ADDED
+    assert type(latched.moved(BUOY).theory) is BodyTheory
+    own = model.with_laws({"take_off": js.Damper(jnp.float32(90.0), jnp.float32(0.0))})
+    moved = own.moved(BUOY.replace({DAMPING: 300.0}))
+    assert float(moved.results()["P_pto"]) == pytest.approx(float(own.results()["P_pto"]), rel=1e-6)
+    with pytest.raises(js.CaseError, match="a model with laws of your own cannot be written"):
+        own.write(tmp_path / "m.json")
+    assert not list(tmp_path.iterdir())
+
+
 def _runs():
     """Sweep whose results are those of a latched model with the additions `ADDED`."""
     over = {key: np.array(values) for key, values in members_around(LATCHED).items()}

@@ -235,14 +235,17 @@ def test_the_error_of_the_spacing_is_that_of_the_members_which_have_limits():
 
 
 def test_the_error_of_the_scheme_is_that_of_the_members_which_both_schemes_ran():
-    """Powers that differ by 2 and 4 %, of which the two schemes are samples."""
+    """Errors of 2 and 4 % of the power without the error of the spacing."""
     done = a_sweep(like_the_model(0.0))
-    done.results["other scheme P_owc"] = np.full(POWERS.shape, np.nan)
-    for place, share in (((1, 1, 0), 0.98), ((0, 1, 0), 1.04)):
-        done.results["other scheme P_owc"][place] = share * done.results["P_owc"][place]
+    for name in ("limit P_owc", "limit error P_owc", "scheme error P_owc"):
+        done.results[name] = np.full(POWERS.shape, np.nan)
+    for place, share in (((1, 1, 0), 0.02), ((0, 1, 0), 0.04)):
+        limit = 1.1 * done.results["P_owc"][place]
+        for name, value in (("limit", 1.0), ("limit error", 0.0), ("scheme error", share)):
+            done.results[f"{name} P_owc"][place] = value * limit
     found = matrix_of(done).annual(BETWEEN, a_model())
-    assert found.scheme == pytest.approx(np.hypot(0.02, 0.04) / 2.0 * found.value, rel=1e-4)
-    assert found.error == pytest.approx(np.linalg.norm([found.waves, found.between, found.scheme]))
+    assert found.scheme == pytest.approx(np.hypot(0.02, 0.04) / np.sqrt(2.0) * found.value, rel=1e-4)
+    assert found.error == pytest.approx(np.linalg.norm(found[1:]))
 
 
 def test_a_table_of_a_site_becomes_one_of_the_model(tmp_path):

@@ -98,10 +98,10 @@ def test_the_other_scheme_runs_the_same_case(monkeypatch):
     monkeypatch.setattr(spacing_error, "sweep", sweep)
     found, plain = js.with_error(CASE, "any.h5", other_scheme=True), js.with_error(CASE, "any.h5")
     kinds = {"weakly_compressible", "incompressible"}
-    assert asked[0][1:] == ("any.h5", CASE.dx) and asked[1][1:] == ("any_other_scheme.h5", CASE.dx)
+    assert asked[0][1:] == ("any.h5", CASE.dx) and asked[1][1:] == ("any_other_scheme.h5", 0.5 * CASE.dx)
     assert {asked[0][0], asked[1][0]} == kinds and called["grid"] is False
-    assert found.error_of_scheme("xi") == pytest.approx(0.02 / np.sqrt(2.0))
-    assert found.error("xi") == pytest.approx(np.hypot(found["xi"].error, 0.02 / np.sqrt(2.0)))
+    assert found.error_of_scheme("xi") == pytest.approx(0.01 / np.sqrt(2.0))
+    assert found.error("xi") == pytest.approx(np.hypot(found["xi"].error, 0.01 / np.sqrt(2.0)))
     assert np.isnan(plain.error_of_scheme("xi")) and plain.error("xi") == plain["xi"].error
     rows = [" ".join(value.split()) for _, value in limit_rows(found, True)]
     assert rows[0].endswith("other scheme") and rows[1].endswith("0.65 0.67")
@@ -210,7 +210,7 @@ def test_limits_of_members_are_stored_in_the_file_of_the_sweep(monkeypatch, tmp_
     np.testing.assert_array_equal(done["xi"], [0.6, 0.7])
     np.testing.assert_array_equal(done["limit xi"], [np.nan, 0.75])
     np.testing.assert_array_equal(done["limit error xi"], [np.nan, 0.02])
-    np.testing.assert_array_equal(done["other scheme xi"], [np.nan, 0.69])
+    np.testing.assert_allclose(done["scheme error xi"], [np.nan, 0.035 / np.sqrt(2.0)])
     content = sweep_content(file, Pack())
     assert [one["limits"] for one in content["members"]] == [{}, {"xi": (0.75, 0.02)}]
     assert [one["name"] for one in content["choices"]] == ["xi"]

@@ -31,8 +31,8 @@ OtherScheme = Annotated[
     bool,
     typer.Option(
         "--other-scheme",
-        help="With --error or --error-at, also run the case, or these members, with the other scheme, and "
-        "include the error due to the scheme.",
+        help="With --error or --error-at: also run the case, or these members, with the other scheme at half "
+        "of the spacing, and include the error due to the scheme.",
     ),
 ]
 
@@ -77,8 +77,9 @@ def _announce(case: Any, runs: str, other_scheme: bool) -> None:
     import jaxsph as js
     from jaxsph.study.spacing_error import FINER, with_other_scheme
 
-    others = {"half of the spacing": case.replace({"dx": case.dx / FINER})}
-    others |= {"the other scheme": with_other_scheme(case)} if other_scheme else {}
+    finer = case.replace({"dx": case.dx / FINER})
+    others = {"half of the spacing": finer}
+    others |= {"the other scheme": with_other_scheme(finer)} if other_scheme else {}
     for what, other in others.items():
         takes = in_time(js.duration(other, devices=1).total)
         typer.echo(f"{runs} with {what} takes about {takes}", err=True)

@@ -36,8 +36,8 @@ from jaxsph.output.hdf5 import (
 
 LIMIT, LIMIT_ERROR = "limit ", "limit error "
 """Beginnings of the names of results that are limits for spacing zero, and of the names of their errors."""
-OTHER = "other scheme "
-"""Beginning of the names of results of the same case with the other scheme."""
+SCHEME_ERROR = "scheme error "
+"""Beginning of the names of results that are errors of results due to the scheme."""
 
 
 class Meanings(NamedTuple):

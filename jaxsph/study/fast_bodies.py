@@ -153,19 +153,15 @@ class BodyTheory(AbstractFastTheory):
         linear, stiffness = [], []
         for k, link in enumerate(self.small.links):
             if STIFFNESS + link in values:
-                self.check_at_rest(STIFFNESS + link)
+                self.check_at_rest(link)
             linear.append(values.get(link, self.dampers.linear[k]))
             stiffness.append(values.get(STIFFNESS + link, self.water.springs[k]))
         changed = [jnp.stack([*map(jnp.asarray, each)]) for each in (linear, stiffness)]
         dampers = self.dampers._replace(linear=changed[0], stiffness=changed[1])
         return body_response(self.water, added, dampers, waves)
 
-    def check_at_rest(self, stiffness: str) -> None:
-        """**Raises** CaseError if another value of a stiffness would move the bodies at rest.
-
-        `stiffness`: name as in `signed`.
-        """
-        link = stiffness.removeprefix(STIFFNESS)
+    def check_at_rest(self, link: str) -> None:
+        """**Raises** CaseError if another stiffness of a link would move the bodies at rest."""
         if abs(extension := self.small.extensions[link]) > RESTING:
             raise CaseError(
                 f"{link} has the extension {extension:.3g} at rest, so that another stiffness would move "

@@ -10,19 +10,17 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.flatten_util
 import jax.numpy as jnp
 import numpy as np
-import scipy  # which imports its subpackages on first use
 from jaxtyping import ArrayLike
-from numpy.typing import NDArray
 
 from jaxsph.case.case import Case
 from jaxsph.case.settling import averages_from, settled_periods
@@ -31,6 +29,7 @@ from jaxsph.errors import CaseError, FileError
 from jaxsph.model.links import AbstractLaw
 from jaxsph.study.fast_bodies import BodyTheory
 from jaxsph.study.fast_column import ColumnTheory
+from jaxsph.study.fast_fit import Fit, Predicted
 from jaxsph.study.fast_motion import MotionTheory
 from jaxsph.study.fast_theory import AbstractFastTheory
 from jaxsph.study.optimise import best_index
@@ -53,19 +52,6 @@ LEAST = 4
 PERIODS = (0.25, 0.6, 2.2)
 """Range of wave periods of a model, relative to the shortest and the longest period of interest (-): regular
 waves lie between the second and the third value, and all waves of a sea between the first and the third."""
-
-
-class Predicted(NamedTuple):
-    """A run and the model's predictions for it."""
-
-    changes: dict[str, float]
-    """Parameters of the run."""
-    H: float
-    """Measured height of the incident waves, m."""
-    results: dict[str, float]
-    """Results of the run, by the names in `AbstractFastTheory.read`."""
-    left_out: dict[str, float]
-    """The same results by a model that was fitted to the other runs."""
 
 
 @dataclass(frozen=True)
@@ -161,11 +147,19 @@ class FastModel:
             case = case.model_copy(update={"waves": self.case.waves})
         if case == self.case:
             return self
-        if type(self.theory) is not kind_of(case):
-            raise CaseError(f"the fast model of {self.case.name!r} is that of another kind of device")
-        if missing := kind_of(case).why_not(case):
+        kind = kind_of(case)
+        if missing := kind.why_not(case):
             raise CaseError(missing)
-        return dataclasses.replace(self, theory=self.theory.of(case, self.theory.series.ends))
+        theory = kind.of(case, self.theory.series.ends)
+        if jax.tree.structure(theory.additions.start) != jax.tree.structure(self.added):
+            raise CaseError(f"the fast model of {self.case.name!r} is that of another kind of device")
+        found = dataclasses.replace(self, theory=theory)
+        return found.with_laws(self._laws) if self._laws else found
+
+    @property
+    def _laws(self) -> Mapping[str, AbstractLaw]:
+        """Laws that replace those of the case's links."""
+        return self.theory.laws if isinstance(self.theory, MotionTheory) else {}
 
     def with_laws(self, laws: Mapping[str, AbstractLaw]) -> FastModel:
         """The model with other laws of links, by the names of the links.
@@ -219,7 +213,12 @@ class FastModel:
         }
 
     def write(self, path: str | Path) -> None:
-        """Writes the model to a file (JSON). **Raises** FileError if it cannot be written."""
+        """Writes the model to a file (JSON).
+
+        **Raises** FileError if it cannot be written, CaseError for a model `with_laws`.
+        """
+        if self._laws:
+            raise CaseError("a model with laws of your own cannot be written; write the model without them")
         content = {
             "case": self.case.given(),
             "added": self.added._asdict(),
@@ -350,7 +349,7 @@ def fitted(case: Case, runs: Sweep, periods: tuple[float, float] | None = None) 
     T += periods or ()
     linear = FastModel.of_theory(case, (min(T), max(T)))
     found = [_read(runs, linear.theory.read, k) for k in done]
-    fit = _Fit(linear, found)
+    fit = Fit(linear.theory, lambda added, at: dataclasses.replace(linear, added=added).results(at), found)
     added, error = fit.to(np.ones(len(found)))
     predicted = []
     for k, one in enumerate(found):
@@ -378,65 +377,3 @@ def _read(runs: Sweep, read: Mapping[str, str], k: int) -> Predicted:
 def _result(runs: Sweep, name: str, k: int) -> float:
     """Result of a run; NaN if no run has it."""
     return float(runs.results[name][k]) if name in runs.results else np.nan
-
-
-class _Fit:
-    """Fits of a model's additions to some of several runs, which share compiled functions."""
-
-    def __init__(self, model: FastModel, runs: Sequence[Predicted]) -> None:
-        """Fits of the additions of `model`, in which they are zero."""
-        changes, read = _changes(runs), [*model.theory.read]
-        usual = jnp.asarray([[one.results[name] for name in read] for one in runs])
-        self._count = len(read)
-        self._start, self._scale, *self._bounds = (_flat(a) for a in model.theory.additions)
-        _, self._whole = jax.flatten_util.ravel_pytree(model.added)
-
-        def results(x: jax.Array) -> dict[str, jax.Array]:
-            there = dataclasses.replace(model, added=self._whole(x))
-            found = jax.vmap(there.results)(changes)
-            return {name: found[name] for name in read}
-
-        def residuals(x: jax.Array, weights: jax.Array) -> jax.Array:
-            off = jnp.stack([*results(x).values()], 1) / usual - 1.0
-            return jnp.ravel(off * weights[:, None])
-
-        self._results = jax.jit(results)
-        self._residuals, self._slopes = jax.jit(residuals), jax.jit(jax.jacfwd(residuals))
-
-    def results(self, added: Any) -> dict[str, jax.Array]:
-        """Results of a model with these additions in the waves of the runs, `[R]`."""
-        return self._results(jnp.asarray(_flat(added), jnp.float32))
-
-    def to(self, weights: NDArray) -> tuple[Any, Any]:
-        """Additions that fit the runs with weight 1 best, and their standard errors.
-
-        The sum of the squares of the results' relative errors is the least. The standard errors follow from
-        the scatter of these errors. The weights of the other runs are 0.
-        """
-
-        def of(function: Callable[..., jax.Array]) -> Callable[[NDArray], NDArray]:
-            return lambda x: np.asarray(
-                function(jnp.asarray(x, jnp.float32), jnp.asarray(weights, float)), float
-            )
-
-        best = scipy.optimize.least_squares(
-            of(self._residuals), self._start, of(self._slopes), bounds=self._bounds, x_scale=self._scale
-        )
-        freedom = max(np.count_nonzero(weights) * self._count - best.x.size, 1)
-        covariance = np.linalg.pinv(best.jac.T @ best.jac) * (2.0 * best.cost / freedom)
-        return self._named(best.x), self._named(np.sqrt(np.diag(covariance)))
-
-    def _named(self, x: NDArray) -> Any:
-        """Additions from their values in one row."""
-        return jax.tree.map(float, self._whole(jnp.asarray(x, jnp.float32)))
-
-
-def _flat(added: Any) -> NDArray:
-    """Values of additions in one row, in double precision."""
-    return np.array(jax.tree.leaves(added), float)
-
-
-def _changes(runs: Sequence[Predicted]) -> dict[str, jax.Array]:
-    """Parameters of runs, with the measured heights of their waves."""
-    found = {key: jnp.asarray([one.changes[key] for one in runs]) for key in runs[0].changes}
-    return found | {"waves.H": jnp.asarray([one.H for one in runs])}

@@ -6,7 +6,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar, TypeAlias
 
 import jax.numpy as jnp
@@ -14,6 +14,7 @@ import numpy as np
 
 from jaxsph.case.bodies import link_laws
 from jaxsph.case.case import Case
+from jaxsph.case.linear_bodies import small_motions
 from jaxsph.case.section import choice
 from jaxsph.errors import CaseError
 from jaxsph.model.links import AbstractLaw
@@ -52,7 +53,7 @@ class MotionTheory(BodyTheory):
     Motions are found in time.
     """
 
-    laws: Mapping[str, AbstractLaw] = field(default_factory=dict)
+    laws: Mapping[str, AbstractLaw] = dataclasses.field(default_factory=dict)
     """Laws in the place of those of the case, by the names of the links."""
 
     smooth: ClassVar[bool] = False
@@ -64,6 +65,20 @@ class MotionTheory(BodyTheory):
         return any(
             one.friction or one.latch_damping or one.stop_stiffness or one.slack for one in case.link.values()
         ) or any(pto.coulomb or pto.stop_stiffness for pto in ptos if pto is not None)
+
+    @classmethod
+    def why_not(cls, case):
+        """See `AbstractFastTheory`."""
+        if reason := super().why_not(case):
+            return reason
+        small = small_motions(cls.linear(case))
+        for name, one in case.link.items():
+            s = small.extensions[name]
+            if one.stops is not None and not one.stops[0] <= s <= one.stops[1]:
+                return f"link.{name}.stops: a stop acts at rest, and a fast model needs bodies between stops"
+            if one.slack and one.stiffness * s + one.pretension < -FAINT:
+                return f"link.{name} is slack at rest, and a fast model needs ropes that are taut there"
+        return ""
 
     @classmethod
     def linear(cls, case):
@@ -83,7 +98,8 @@ class MotionTheory(BodyTheory):
 
     @classmethod
     def keys(cls, case):
-        """See `AbstractFastTheory`; a key is its own name in `respond`."""
+        """See `AbstractFastTheory`; a key is its own name in `respond`. Keys of laws that the case does not
+        have are left out."""
         sections = {f"{case.body_key(name)}.pto": one.pto for name, one in case.every_body.items() if one.pto}
         sections |= {f"link.{name}": one for name, one in case.link.items() if not one.slack}
         signed, found = cls.signed(case), {}
@@ -95,9 +111,6 @@ class MotionTheory(BodyTheory):
 
     def respond(self, added, values, waves):
         """See `AbstractFastTheory`."""
-        for key, stiffness in self.signed(self.case).items():
-            if key in values:
-                self.check_at_rest(stiffness)
         return body_motion(self.water, added, self._ties(values), waves)
 
     def _ties(self, values: Any) -> tuple[Tie, ...]:
@@ -117,8 +130,10 @@ class MotionTheory(BodyTheory):
         for key, value in values.items():
             section, _, of = key.rpartition(".")
             name = ptos[section] if section in ptos else section.removeprefix("link.")
-            fields = TAKE_OFF_FIELDS if section in ptos else LINK_FIELDS
-            found.setdefault(name, []).append((*fields[of], value))
+            kind, field = (TAKE_OFF_FIELDS if section in ptos else LINK_FIELDS)[of]
+            if kind is Spring:
+                self.check_at_rest(name)
+            found.setdefault(name, []).append((kind, field, value))
         return found
 
     @classmethod

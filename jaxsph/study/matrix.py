@@ -19,7 +19,7 @@ from jaxsph.case.case import Case
 from jaxsph.case.linear import linear_sea, sea_is_linear
 from jaxsph.case.results import mean_of_power
 from jaxsph.errors import CaseError
-from jaxsph.output.sweep_file import LIMIT, LIMIT_ERROR, OTHER
+from jaxsph.output.sweep_file import LIMIT, LIMIT_ERROR, SCHEME_ERROR
 from jaxsph.study.fast_model import FastModel
 from jaxsph.study.scatter import ScatterTable
 from jaxsph.study.sweep import MOST_MEMBERS, Sweep, sweep
@@ -144,12 +144,12 @@ class PowerMatrix:
 
     def _error_of_scheme(self) -> float:
         """Relative error due to the scheme, from the members that the other scheme ran too (-); NaN without
-        any. The two schemes are samples, so that their difference is sqrt(2) times as large."""
+        any."""
         power = _name_of_power(self.sweep)
-        if OTHER + power not in self.sweep.results:
+        if SCHEME_ERROR + power not in self.sweep.results:
             return float("nan")
-        off = self.sweep[OTHER + power] / self.sweep[power] - 1.0
-        return float(np.sqrt(np.nanmean(off**2) / 2.0))
+        error, limit = (self.sweep[before + power] for before in (SCHEME_ERROR, LIMIT))
+        return float(np.sqrt(np.nanmean((error / limit) ** 2)))
 
 
 def powers_of_model(model: FastModel, Hs: NDArray, Tp: NDArray) -> NDArray[np.float64]:

@@ -231,10 +231,11 @@ class _Proposer:
     def of_device(self, model: FastModel) -> tuple[float, dict[str, float]]:
         """Largest result of the device of a model's case, and its parameters.
 
-        Lengths and stiffnesses are those of the case, and dampings differ by at most `FACTOR`.
+        Dampings, which differ between the runs, may differ by `FACTOR`; all other parameters are those of the
+        case.
         """
-        here = self._values(model.case)
-        fixed = np.array([name in LENGTHS for name in self._names]) | self._axes.signed
+        here, varied = self._values(model.case), model.theory.dampings(model.case)
+        fixed = np.array([name not in varied for name in self._names])
         low, high = (
             np.where(fixed, here, np.clip(here + change, *self._bounds.T))
             for change in (-np.log(FACTOR), np.log(FACTOR))

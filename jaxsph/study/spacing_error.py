@@ -17,7 +17,7 @@ from jaxsph.case.case import Case
 from jaxsph.case.geometry import Geometry
 from jaxsph.case.sections import SCHEMES
 from jaxsph.errors import CaseError
-from jaxsph.output.sweep_file import LIMIT, LIMIT_ERROR, OTHER, SweepFile
+from jaxsph.output.sweep_file import LIMIT, LIMIT_ERROR, SCHEME_ERROR, SweepFile
 from jaxsph.problem.sources import source_of
 from jaxsph.study.sweep import Sweep, sweep
 
@@ -41,7 +41,7 @@ class WithError:
     runs: Sweep
     """All runs."""
     other_scheme: Mapping[str, float] = field(default_factory=dict)
-    """Results at the larger spacing with the other scheme, by name, if it was run."""
+    """Results at the smaller spacing with the other scheme, by name, if it was run."""
 
     def __getitem__(self, name: str) -> Limit:
         """Limit of a result. **Raises** CaseError for a result that not all runs have."""
@@ -52,7 +52,7 @@ class WithError:
     def error_of_scheme(self, name: str) -> float:
         """Standard error of a result due to the scheme, of which the two schemes are samples; NaN if the
         result with the other scheme is not known."""
-        return abs(self.other_scheme.get(name, np.nan) - self[name].coarse) / math.sqrt(2.0)
+        return abs(self.other_scheme.get(name, np.nan) - self[name].fine) / math.sqrt(2.0)
 
     def error(self, name: str) -> float:
         """Error of a result due to its spacing and, if it is known, to the scheme."""
@@ -75,10 +75,10 @@ def with_error(
     as long as the case in two dimensions, and sixteen times in three. The runs at the case's spacing differ
     in the water's density by a hundred-thousandth, so that their scatter becomes visible.
 
-    **Arguments**: `given`: a case; `out`: the file of all runs, a sweep, from which a
-    repeated call continues; `repeats`: two or more; `other_scheme`: whether to run the case also with the
-    other scheme, in a file beside `out`; `workers`: number of runs at a time, by default one per core.
-    **Raises** CaseError, also if a run fails; FileError, as `sweep`.
+    **Arguments**: `given`: a case; `out`: the file of all runs, a sweep, from which a repeated call
+    continues; `repeats`: two or more; `other_scheme`: whether to run the case, at half of its spacing, also
+    with the other scheme, in a file beside `out`; `workers`: number of runs at a time, by default one per
+    core. **Raises** CaseError, also if a run fails; FileError, as `sweep`.
     """
     source = source_of(given)
     if not isinstance(source, Case):
@@ -90,7 +90,7 @@ def with_error(
     spacings = [source.dx / FINER, *[source.dx] * repeats]  # the longest run begins first
     densities = [source.fluid.rho0 * (1.0 + NUDGE * k) for k in (0, *range(repeats))]
     over = {"dx": spacings, "fluid.rho0": densities}
-    other = with_other_scheme(source) if other_scheme else None
+    other = with_other_scheme(source.replace({"dx": source.dx / FINER})) if other_scheme else None
     done = sweep(source, over, out, grid=False, workers=workers, progress=progress)
     for (k,), text in done.failures.items():
         raise CaseError(f"the run with dx = {spacings[k]:g} m failed: {text}")
@@ -158,7 +158,7 @@ def errors_of_members(
     """Limits of the results of some members of a sweep for spacing zero, by the members' indices.
 
     The limits are stored in the sweep's file as results of the members: "limit xi" and "limit error xi", for
-    example, and results with the other scheme as "other scheme xi".
+    example, and errors due to the scheme as "scheme error xi".
 
     **Arguments**: `done`: a sweep of a case; `places`: indices of members, see `members_at`; `out`:
     the sweep's file, beside which the runs of member k have the file `<out>_error_<k>.h5`; the others as in
@@ -175,7 +175,8 @@ def errors_of_members(
         found[place] = one
         limits = {LIMIT + name: limit.value for name, limit in one.results.items()}
         limits |= {LIMIT_ERROR + name: limit.error for name, limit in one.results.items()}
-        limits |= {OTHER + name: value for name, value in one.other_scheme.items()}
+        of_scheme = {SCHEME_ERROR + name: one.error_of_scheme(name) for name in one.results}
+        limits |= {name: error for name, error in of_scheme.items() if np.isfinite(error)}
         file.add_results(_index(done, place), limits)
     return found
 
