@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import jax.numpy as jnp
 
+from jaxsph.case.case import Case
 from jaxsph.case.linear import chamber_geometry, linear_air, why_no_theory
 from jaxsph.problem.results import amplitude
 from jaxsph.study.fast_theory import AbstractFastTheory, Fitted, Predictable
@@ -34,12 +35,17 @@ class ColumnTheory(AbstractFastTheory):
     @classmethod
     def why_not(cls, case):
         """See `AbstractFastTheory`."""
-        if case.device is None or not case.turbines:
+        if case.device is None or len(case.turbines) != 1:
             return "a fast model needs a device with a turbine in regular waves"
-        missing = why_no_theory(case)
+        missing = why_no_theory(cls.linear(case))
         return (
             f"{missing}: a fast model needs linear theory of the oscillating water column" if missing else ""
         )
+
+    @classmethod
+    def linear(cls, case: Case) -> Case:
+        """The case with a turbine that linear theory covers; by default the case itself."""
+        return case
 
     @classmethod
     def of(cls, case, omega):

@@ -26,9 +26,9 @@ from jaxsph.case.case import Case
 from jaxsph.case.settling import averages_from, settled_periods
 from jaxsph.core.chebyshev import Series
 from jaxsph.errors import CaseError, FileError
-from jaxsph.model.links import AbstractLaw
 from jaxsph.study.fast_bodies import BodyTheory
 from jaxsph.study.fast_column import ColumnTheory
+from jaxsph.study.fast_column_motion import ColumnMotionTheory
 from jaxsph.study.fast_fit import Fit, Predicted
 from jaxsph.study.fast_motion import MotionTheory
 from jaxsph.study.fast_theory import AbstractFastTheory
@@ -89,8 +89,8 @@ class FastModel:
 
     def response(self, changes: Mapping[str, ArrayLike] = {}) -> Any:
         """Response to regular waves or to a sea, per metre of width: `waves.fast_owc.Response` of a column,
-        `waves.fast_bodies.BodyResponse` of bodies, `waves.body_motion.BodyMotion` of bodies with latches,
-        friction, end stops or ropes.
+        `waves.fast_bodies.BodyResponse` of bodies. Motions that are found in time are a
+        `waves.column_motion.ColumnMotion` or a `waves.body_motion.BodyMotion`.
 
         `changes`: parameters that differ from those of the case: waves, and those of the device in `keys`.
         waves.Hs and waves.Tp, which are given together, choose a sea with a JONSWAP spectrum in the place of
@@ -157,20 +157,22 @@ class FastModel:
         return found.with_laws(self._laws) if self._laws else found
 
     @property
-    def _laws(self) -> Mapping[str, AbstractLaw]:
-        """Laws that replace those of the case's links."""
-        return self.theory.laws if isinstance(self.theory, MotionTheory) else {}
+    def _laws(self) -> Mapping[str, Any]:
+        """Laws that replace those of the case."""
+        return self.theory.laws if isinstance(self.theory, MotionTheory | ColumnMotionTheory) else {}
 
-    def with_laws(self, laws: Mapping[str, AbstractLaw]) -> FastModel:
-        """The model with other laws of links, by the names of the links.
+    def with_laws(self, laws: Mapping[str, Any]) -> FastModel:
+        """The model with other laws of links, by the names of the links, or another turbine, named "pto".
 
-        Motions are then found in time. The laws may have traced parameters, for example a
-        `parts.links.Controlled` with the weights of a network. **Raises** CaseError for a model without
-        bodies, and for a link that is not there.
+        Motions are then found in time. The laws (`AbstractLaw`, of a turbine `AbstractPTO`) may have traced
+        parameters, for example a `Controlled` with the weights of a network. **Raises** CaseError for a name
+        that is not there.
         """
-        if not isinstance(self.theory, BodyTheory):
-            raise CaseError(f"{self.case.name!r} has no links: only the laws of links can be replaced")
-        return dataclasses.replace(self, theory=MotionTheory.with_laws(self.theory, laws))
+        theory = self.theory
+        if isinstance(theory, BodyTheory):
+            return dataclasses.replace(self, theory=MotionTheory.with_laws(theory, laws))
+        assert isinstance(theory, ColumnTheory), "there are two kinds of devices"
+        return dataclasses.replace(self, theory=ColumnMotionTheory.with_laws(theory, laws))
 
     @property
     def linear(self) -> FastModel:
@@ -298,7 +300,7 @@ def _varied(case: Case) -> dict[str, tuple[float, ...]]:
 def kind_of(case: Case) -> type[AbstractFastTheory]:
     """Kind of theory that suits the device of a case."""
     if not any(one.free for one in case.every_body.values()):
-        return ColumnTheory
+        return ColumnMotionTheory if ColumnMotionTheory.suits(case) else ColumnTheory
     return MotionTheory if MotionTheory.suits(case) else BodyTheory
 
 
