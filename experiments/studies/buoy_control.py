@@ -9,6 +9,7 @@ fitted to the runs of the second law. All are then run in three seas.
 from __future__ import annotations
 
 import dataclasses
+import json
 import time
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -138,14 +139,17 @@ def controlled(dx: float, Tp: float, weights: list[float]) -> js.Problem:
 
 def _network(dx: float, model: js.FastModel, workers: int) -> _Law:
     """The network, trained on a model, and its power in the seas."""
-    weights, promised = _trained(model)
-    program = js.Program(controlled, {"dx": dx, "Tp": 1.2, "weights": weights.tolist()})
+    trained = RUNS / f"buoy_control_network_{dx:g}.json"
+    if not trained.exists():  # rounding errors would lead another training elsewhere
+        trained.write_text(json.dumps(_trained(model)))
+    weights, promised = json.loads(trained.read_text())
+    program = js.Program(controlled, {"dx": dx, "Tp": 1.2, "weights": weights})
     path = RUNS / f"buoy_control_network_{dx:g}_seas.h5"
     runs = js.sweep(program, {"Tp": TABLE.Tp.tolist()}, path, workers=workers)
     return _Law({}, promised, [], _powers(runs))
 
 
-def _trained(model: js.FastModel) -> tuple[np.ndarray, float]:
+def _trained(model: js.FastModel) -> tuple[list[float], float]:
     """Weights of the network with the largest mean power over the seas by a model, and this power (W/m)."""
     inward = np.random.default_rng(0).normal(size=2 * HIDDEN)
     weights = jnp.asarray(np.concatenate([[0.0, 200.0], inward, np.zeros(HIDDEN)]), jnp.float32)
@@ -164,7 +168,7 @@ def _trained(model: js.FastModel) -> tuple[np.ndarray, float]:
         best = min(best, (float(value), x), key=lambda one: one[0])
         change, state = optimiser.update(slope, state)
         x = jnp.asarray(optax.apply_updates(x, change))
-    return np.round(np.asarray(sizes * best[1], float), 4), -best[0]
+    return np.round(np.asarray(sizes * best[1], float), 4).tolist(), -best[0]
 
 
 def _times(model: js.FastModel) -> dict[str, float]:
