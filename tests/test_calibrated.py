@@ -12,6 +12,7 @@ from jaxsph.cli.app import app
 from jaxsph.output.sweep_file import Meanings
 from jaxsph.study import members as running
 from jaxsph.study.fast_model import FastModel
+from jaxsph.waves.fast_bodies import BodyAdditions
 from jaxsph.waves.fast_owc import Additions
 
 CASE = js.load_case("owc").replace({"t1": 30.0})
@@ -65,6 +66,35 @@ def test_a_model_gives_the_shape_and_the_runs_the_rest(ran, tmp_path):
     assert abs(parabola.slope - _exact()) > 0.05 * abs(_exact()) and parabola.error > 5.0 * found.error
 
 
+DISC = {"body.block": None, "body.disc": {"centre": [3.15, 0.4], "radius": 0.12}}
+BUOY = js.load_case("buoy_heave").replace({"t1": 16.0, **DISC})
+
+
+@functools.cache
+def _of_radius(radius):
+    case = BUOY.replace({"body.disc.radius": radius})
+    return dataclasses.replace(FastModel.of_theory(case), added=BodyAdditions((400.0,), (0.1,)))
+
+
+def test_a_slope_over_the_diameter_of_a_body(tmp_path, monkeypatch):
+    """The water absorbs more than the model by an amount that is linear in the radius."""
+
+    def member(case, stem):
+        radius = case.value("body.disc.radius")
+        P = float(_of_radius(radius).results()["P_pto"]) + TILT * (radius / 0.12 - 1.0)
+        return {"results": {"P_pto": P, "xi": 0.5}, "series": {}, "failure": ""}, Meanings()
+
+    monkeypatch.setattr(running, "run_member", member)
+    _of_radius(0.12).write(tmp_path / "buoy.json")
+    way = js.Calibrated(js.Ensemble(spread=0.3, members=5), tmp_path / "buoy.json")
+    found = js.derivative(BUOY, "body.disc.radius", "P_owc", way, False)
+    low, high = (float(_of_radius(0.12 + a).results()["P_pto"]) for a in (-1e-3, 1e-3))
+    exact = (high - low) / 2e-3 + TILT / 0.12
+    assert found.slope == pytest.approx(exact, rel=0.01) and found.error < 0.01 * abs(exact)
+    with pytest.raises(js.CaseError, match=r"body\.disc\.centre = .*: must be a number that varies"):
+        js.derivative(BUOY, "body.disc.centre", "P_owc", way, False)
+
+
 def test_without_a_file_the_case_is_calibrated_first(ran, tmp_path):
     out = tmp_path / "slope.h5"
     way = js.Calibrated(js.Ensemble(members=4, out=out))
@@ -83,6 +113,7 @@ def test_without_a_file_the_case_is_calibrated_first(ran, tmp_path):
     ("given", "parameter", "of", "message"),
     [
         (CASE, "device.draught", "noise", "noise: a fast model cannot predict this result; use one of xi"),
+        (BUOY, "dx", "P_owc", r"dx: a fast model cannot change this parameter; use one of waves\.H"),
         (CASE, "dx", "xi", r"dx: a fast model cannot change this parameter; use one of waves\.H"),
         (js.load_case("dam_break"), "dx", "xi", "a fast model needs a device with a turbine"),
         (lambda K=1.0: CASE.problem(), "K", "xi", r"js\.Calibrated\(\) needs a case"),

@@ -16,8 +16,11 @@ from jaxsph.errors import CaseError
 from jaxsph.problem.source import Source
 from jaxsph.study.base import AbstractMethod, check_result
 from jaxsph.study.ensemble import Ensemble, parabola
-from jaxsph.study.fast_column import LENGTHS
 from jaxsph.study.fast_model import REGULAR, FastModel, calibrate, check
+
+NEAR = 0.02
+"""Relative change of a parameter to either side over which a model's slope is taken if it is no function of
+JAX (-)."""
 
 
 class Calibrated(AbstractMethod):
@@ -43,15 +46,19 @@ class Calibrated(AbstractMethod):
         case, name = _checked(source, parameter, of)
         model = self._model(case, progress).moved(case)
         found = self.ensemble.members_of(case, parameter, of, progress)
+        moves, varies = model.theory.moves(case, parameter), parameter in {**REGULAR, **model.keys}
 
         def predict(at: FastModel, value: Any) -> jax.Array:
-            return at.results({parameter: value})[name]
+            return at.results({parameter: value} if varies else {})[name]
 
         def at(value: float) -> FastModel:
-            # lengths may change by more than those for which the response of the water is known
-            return model.moved(case.replace({parameter: value})) if parameter in LENGTHS else model
+            return model.moved(case.replace({parameter: value})) if moves else model
 
-        usual, slope = jax.value_and_grad(lambda value: predict(model, value))(found.value)
+        if varies:
+            usual, slope = jax.value_and_grad(lambda value: predict(model, value))(found.value)
+        else:
+            usual, (low, high) = predict(model, 0.0), (found.value * (1.0 + s) for s in (-NEAR, NEAR))
+            slope = (predict(at(high), high) - predict(at(low), low)) / (high - low)
         control = np.array([predict(at(value), value) for value in found.values[found.known]], float)
         if not np.all(np.isfinite([*control, usual, slope])):
             values = ", ".join(f"{value:.4g}" for value in found.values)
@@ -83,7 +90,9 @@ def _checked(source: Source, parameter: str, of: str) -> tuple[Case, str]:
     check(source, {})
     theory = FastModel.of_theory(source).theory
     keys = {**REGULAR, **theory.keys(source)}
+    keys |= {parameter: parameter} if theory.moves(source, parameter) else {}
     names = {name: name for name in theory.predictable} | {run: name for name, run in theory.read.items()}
+    names["P_owc"] = theory.power  # the mean power of any device, as in `derivative`
     for given, known, what in (
         (parameter, keys, "change this parameter"),
         (of, names, "predict this result"),

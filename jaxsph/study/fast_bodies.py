@@ -89,6 +89,14 @@ class BodyTheory(AbstractFastTheory):
         keys = {key: name for key, name in BodyTheory.keys(case).items() if key not in signed}
         return tuple(key for key, name in keys.items() if name in taken and case.value(key))
 
+    @classmethod
+    def moves(cls, case, parameter):
+        """See `AbstractFastTheory`: numbers of a body's section, such as `body.disc.radius`."""
+        if parameter in cls.keys(case):
+            return False
+        sections = tuple(f"{case.body_key(name)}." for name in case.every_body)
+        return parameter.startswith(sections) and isinstance(case.value(parameter), int | float)
+
     @property
     def read(self):
         """See `AbstractFastTheory`."""

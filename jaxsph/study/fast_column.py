@@ -69,6 +69,12 @@ class ColumnTheory(AbstractFastTheory):
         del case
         return (DAMPING,)
 
+    @classmethod
+    def moves(cls, case, parameter):
+        """See `AbstractFastTheory`: lengths may change by more than the known response of the water."""
+        del case
+        return parameter in LENGTHS
+
     @property
     def read(self):
         """See `AbstractFastTheory`."""

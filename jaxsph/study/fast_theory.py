@@ -92,6 +92,11 @@ class AbstractFastTheory(abc.ABC):
         del case
         return {}
 
+    @classmethod
+    @abc.abstractmethod
+    def moves(cls, case: Case, parameter: str) -> bool:
+        """Whether a parameter of the device, such as a length, needs a theory of its own for each value."""
+
     @property
     @abc.abstractmethod
     def read(self) -> dict[str, str]:
