@@ -225,7 +225,8 @@ def load(
     else:
         given = js.load_case(name)
         case = given.replace(changes) if changes else given
-        print_notes(_dropped(given, case, changes))
+        if isinstance(case, js.Case):
+            print_notes(_dropped(given, case, changes))
     match_precision(case.arguments.get("precision") if is_program else getattr(case, "precision", None))
     interrupt.raise_again()
     case = js.coarsen(case) if quick else case
