@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from jaxsph.errors import FileError, JaxsphError, SimulationError
-from jaxsph.output import run_file
+from jaxsph.output import hdf5, run_file
 from jaxsph.output.hdf5 import SCHEMA, Variable
 from jaxsph.output.run_file import RunFile
 from jaxsph.output.vtk import export_vtkhdf
@@ -578,3 +578,21 @@ def test_files_of_older_versions_are_read_without_checksums(run):
     with h5py.File(run.path, "r+") as file:
         file.attrs["schema"] = 3
     assert _chunks(run) == 3
+
+
+def test_a_file_that_is_replaced_while_it_is_checked_is_not_taken_for_damaged(tmp_path, monkeypatch):
+    """A run in progress replaces its file at every checkpoint."""
+    path, other = tmp_path / "run.h5", tmp_path / "next.h5"
+    for one, size in ((path, 2), (other, 3)):
+        with hdf5.replace_file(one, "w") as file:
+            file["values"] = np.arange(size)
+    checked = hdf5._crc_of_bytes
+
+    def meanwhile(file, length):
+        if other.exists():
+            os.replace(other, path)
+        return checked(file, length)
+
+    monkeypatch.setattr(hdf5, "_crc_of_bytes", meanwhile)
+    with hdf5.open_file(path) as file:
+        assert len(file["values"]) == 3

@@ -18,7 +18,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import h5py
 import numpy as np
@@ -80,9 +80,9 @@ def replace_file(path: Path, mode: str, sealed: bool = True) -> Iterator[h5py.Fi
             with h5py.File(part, mode) as file:
                 yield file  # HDF5 truncates the old checksum
             if sealed:
-                checksum = _crc_of_bytes(part, part.stat().st_size)
-                with part.open("ab") as end:
-                    end.write(_SEAL + checksum.to_bytes(4, "little"))
+                with part.open("r+b") as whole:
+                    checksum = _crc_of_bytes(whole, whole.seek(0, os.SEEK_END))
+                    whole.write(_SEAL + checksum.to_bytes(4, "little"))
             sync(part)
             os.replace(part, path)
         finally:
@@ -150,29 +150,30 @@ def _check_seal(path: Path) -> bool:
 
     **Raises** Damage if the checksum does not match.
     """
-    found = path.stat()
-    stamp = (found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns)
-    if _intact.get(path) == stamp:
-        return True
-    length = max(found.st_size - len(_SEAL) - 4, 0)
+    # one handle, as a run in progress replaces its file
     with path.open("rb") as file:
+        found = os.fstat(file.fileno())
+        stamp = (found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns)
+        if _intact.get(path) == stamp:
+            return True
+        length = max(found.st_size - len(_SEAL) - 4, 0)
         file.seek(length)
         end = file.read()
-    if not end.startswith(_SEAL):
-        return False
-    if _crc_of_bytes(path, length) != int.from_bytes(end[len(_SEAL) :], "little"):
-        raise Damage("the checksum does not match the content")
+        if not end.startswith(_SEAL):
+            return False
+        if _crc_of_bytes(file, length) != int.from_bytes(end[len(_SEAL) :], "little"):
+            raise Damage("the checksum does not match the content")
     if time.time_ns() - found.st_mtime_ns > 10**8:  # a change within 0.1 s could have the same time
         _intact[path] = stamp
     return True
 
 
-def _crc_of_bytes(path: Path, length: int) -> int:
-    """CRC-32 of the first `length` bytes of a file."""
+def _crc_of_bytes(file: BinaryIO, length: int) -> int:
+    """CRC-32 of the first `length` bytes of an open file, which is then at their end."""
     found = 0
-    with path.open("rb") as file:
-        while length > 0 and (part := file.read(min(length, 1 << 20))):
-            found, length = zlib.crc32(part, found), length - len(part)
+    file.seek(0)
+    while length > 0 and (part := file.read(min(length, 1 << 20))):
+        found, length = zlib.crc32(part, found), length - len(part)
     return found
 
 
