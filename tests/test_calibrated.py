@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import tomllib
 
 import jax
 import pytest
@@ -66,33 +67,38 @@ def test_a_model_gives_the_shape_and_the_runs_the_rest(ran, tmp_path):
     assert abs(parabola.slope - _exact()) > 0.05 * abs(_exact()) and parabola.error > 5.0 * found.error
 
 
-DISC = {"body.block": None, "body.disc": {"centre": [3.15, 0.4], "radius": 0.12}}
-BUOY = js.load_case("buoy_heave").replace({"t1": 16.0, **DISC})
+BUOY, DENSITY = js.load_case("buoy_heave").replace({"t1": 16.0}), 500.0
 
 
 @functools.cache
-def _of_radius(radius):
-    case = BUOY.replace({"body.disc.radius": radius})
-    return dataclasses.replace(FastModel.of_theory(case), added=BodyAdditions((400.0,), (0.1,)))
+def _floating(text):
+    """Power of a buoy by a model."""
+    model = FastModel.of_theory(js.Case.from_dict(tomllib.loads(text)))
+    return float(dataclasses.replace(model, added=BodyAdditions((400.0,), (0.1,))).results()["P_pto"])
 
 
-def test_a_slope_over_the_diameter_of_a_body(tmp_path, monkeypatch):
-    """The water absorbs more than the model by an amount that is linear in the radius."""
+def _dense(density):
+    return _floating(BUOY.replace({"body.density": density}).to_toml())
+
+
+def test_a_slope_over_a_number_of_a_body(tmp_path, monkeypatch):
+    """The water absorbs more than the model by an amount that is linear in the density."""
 
     def member(case, stem):
-        radius = case.value("body.disc.radius")
-        P = float(_of_radius(radius).results()["P_pto"]) + TILT * (radius / 0.12 - 1.0)
-        return {"results": {"P_pto": P, "xi": 0.5}, "series": {}, "failure": ""}, Meanings()
+        density = case.value("body.density")
+        results = {"P_pto": _dense(density) + TILT * (density / DENSITY - 1.0), "xi": 0.5}
+        return {"results": results, "series": {}, "failure": ""}, Meanings()
 
     monkeypatch.setattr(running, "run_member", member)
-    _of_radius(0.12).write(tmp_path / "buoy.json")
-    way = js.Calibrated(js.Ensemble(spread=0.3, members=5), tmp_path / "buoy.json")
-    found = js.derivative(BUOY, "body.disc.radius", "P_owc", way, False)
-    low, high = (float(_of_radius(0.12 + a).results()["P_pto"]) for a in (-1e-3, 1e-3))
-    exact = (high - low) / 2e-3 + TILT / 0.12
+    model = dataclasses.replace(FastModel.of_theory(BUOY), added=BodyAdditions((400.0,), (0.1,)))
+    model.write(tmp_path / "buoy.json")
+    way = js.Calibrated(js.Ensemble(spread=0.2, members=4), tmp_path / "buoy.json")
+    found = js.derivative(BUOY, "body.density", "P_owc", way, False)
+    low, high = (_dense(DENSITY * share) for share in (0.99, 1.01))
+    exact = (high - low) / (0.02 * DENSITY) + TILT / DENSITY
     assert found.slope == pytest.approx(exact, rel=0.01) and found.error < 0.01 * abs(exact)
-    with pytest.raises(js.CaseError, match=r"body\.disc\.centre = .*: must be a number that varies"):
-        js.derivative(BUOY, "body.disc.centre", "P_owc", way, False)
+    with pytest.raises(js.CaseError, match=r"body\.block\.low = .*: must be a number that varies"):
+        js.derivative(BUOY, "body.block.low", "P_owc", way, False)
 
 
 def test_without_a_file_the_case_is_calibrated_first(ran, tmp_path):
