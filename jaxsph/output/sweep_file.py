@@ -38,6 +38,8 @@ LIMIT, LIMIT_ERROR = "limit ", "limit error "
 """Beginnings of the names of results that are limits for spacing zero, and of the names of their errors."""
 SCHEME_ERROR = "scheme error "
 """Beginning of the names of results that are errors of results due to the scheme."""
+OF_ERRORS = LIMIT, SCHEME_ERROR
+"""Beginnings of the names of all results that state the error of others."""
 
 
 class Meanings(NamedTuple):

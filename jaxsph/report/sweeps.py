@@ -12,7 +12,7 @@ from jaxsph.case.linear import linear_owc, linear_sea, sea_is_linear
 from jaxsph.case.linear_bodies import has_free_bodies, linear_motions
 from jaxsph.errors import CaseError
 from jaxsph.model.meaning import Group
-from jaxsph.output.sweep_file import LIMIT, LIMIT_ERROR, SCHEME_ERROR, StoredSweep, SweepFile, over_members
+from jaxsph.output.sweep_file import LIMIT, LIMIT_ERROR, OF_ERRORS, StoredSweep, SweepFile, over_members
 from jaxsph.report.content import case_of, coarse_warning, panels
 from jaxsph.report.doubts import doubts_of_members
 from jaxsph.report.labels import in_order, in_words, is_flat, label_of, with_error_in_words
@@ -51,8 +51,7 @@ def sweep_content(sweep: SweepFile, pack: Pack) -> dict[str, Any]:
     )
     warnings += [] if case is None else case.notices()
     ordered = in_order(results, stored.meanings.labels)
-    hidden = ("slope ", "error ", LIMIT, SCHEME_ERROR)
-    shown = [name for name in ordered if not name.startswith(hidden)]
+    shown = [name for name in ordered if not name.startswith(("slope ", "error ", *OF_ERRORS))]
     own = stored.meanings.first(shown)
     first = next(
         (n for n in (*FIRST[not matrix : 2], own, *FIRST[2:]) if n in shown), shown[0] if shown else ""
@@ -104,8 +103,7 @@ def _member(stored: StoredSweep, index: int, flat: bool, pack: Pack) -> dict[str
     one = stored.members[index]
     at = stored.place(index)
     every = {name: float(value) for name, value in one["results"].items()}
-    hidden = (LIMIT, SCHEME_ERROR)
-    results = {name: value for name, value in every.items() if not name.startswith(hidden)}
+    results = {name: value for name, value in every.items() if not name.startswith(OF_ERRORS)}
     limits = {n: (every[LIMIT + n], every[LIMIT_ERROR + n]) for n in results if LIMIT + n in every}
     rows = [
         {

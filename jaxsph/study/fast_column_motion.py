@@ -77,11 +77,11 @@ class ColumnMotionTheory(ColumnTheory):
         with jax.ensure_compile_time_eval():  # the chamber of the case has no traced values
             (chamber,) = make_chambers(self.case, Geometry.of(self.case), (), jnp.float32)
         others = {name: value for name, value in values.items() if name not in lengths}
-        pto = self.laws[TURBINE] if TURBINE in self.laws else _changed(chamber.pto, others)
-        if others and TURBINE in self.laws:
+        if others and self.laws:
             raise CaseError(
                 f"{', '.join(others)}: the turbine is a law of your own, whose parameters are no keys"
             )
+        pto = self.laws.get(TURBINE, _changed(chamber.pto, others))
         chamber = dataclasses.replace(chamber, pto=pto)
         return column_motion(self.water, added, chamber, waves, lengths, self.case.fluid.rho0)
 

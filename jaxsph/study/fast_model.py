@@ -32,7 +32,7 @@ from jaxsph.study.fast_column_motion import ColumnMotionTheory
 from jaxsph.study.fast_fit import Fit, Predicted
 from jaxsph.study.fast_motion import MotionTheory
 from jaxsph.study.fast_theory import AbstractFastTheory
-from jaxsph.study.optimise import best_index
+from jaxsph.study.optimise import best_evaluation
 from jaxsph.study.scatter import ScatterTable
 from jaxsph.study.sweep import Sweep, sweep
 from jaxsph.waves.fast_owc import Incident
@@ -243,7 +243,7 @@ class FastModel:
         """
         try:
             if Path(path).suffix == ".h5":
-                path = model_of_search(Path(path), best_index(path))
+                path = model_of_search(Path(path), best_evaluation(path)[0])
             content = json.loads(Path(path).read_text(encoding="utf-8"))
             case = Case.from_dict(content["case"])
             if "series" not in content:

@@ -7,7 +7,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 import jax.numpy as jnp
 import numpy as np
@@ -100,14 +100,8 @@ class MotionTheory(BodyTheory):
     def keys(cls, case):
         """See `AbstractFastTheory`; a key is its own name in `respond`. Keys of laws that the case does not
         have are left out."""
-        sections = {f"{case.body_key(name)}.pto": one.pto for name, one in case.every_body.items() if one.pto}
-        sections |= {f"link.{name}": one for name, one in case.link.items() if not one.slack}
-        signed, found = cls.signed(case), {}
-        for name, section in sections.items():
-            fields = LINK_FIELDS if name.startswith("link.") else TAKE_OFF_FIELDS
-            each = {f"{name}.{field}": getattr(section, field) for field in fields}
-            found |= {key: key for key, value in each.items() if value or key in signed}
-        return found
+        signed = cls.signed(case)
+        return {key: key for key, one in _known(case).items() if one.value or key in signed}
 
     def respond(self, added, values, waves):
         """See `AbstractFastTheory`."""
@@ -126,14 +120,12 @@ class MotionTheory(BodyTheory):
     def _changes(self, values: Any) -> dict[str, list[Change]]:
         """Laws that change, their fields and new values, by the names of the links."""
         found: dict[str, list[Change]] = {}
-        ptos = {f"{self.case.body_key(body)}.pto": name for body, name in self.case.pto_names.items()}
+        known = _known(self.case)
         for key, value in values.items():
-            section, _, of = key.rpartition(".")
-            name = ptos[section] if section in ptos else section.removeprefix("link.")
-            kind, field = (TAKE_OFF_FIELDS if section in ptos else LINK_FIELDS)[of]
+            link, kind, field, _ = known[key]
             if kind is Spring:
-                self.check_at_rest(name)
-            found.setdefault(name, []).append((kind, field, value))
+                self.check_at_rest(link)
+            found.setdefault(link, []).append((kind, field, value))
         return found
 
     @classmethod
@@ -153,8 +145,36 @@ class MotionTheory(BodyTheory):
         return found
 
 
+class _Key(NamedTuple):
+    """A number of a link in a case."""
+
+    link: str
+    """Name of the link."""
+    kind: type[AbstractLaw]
+    """Law that the number belongs to."""
+    field: str
+    """Field of the law."""
+    value: float | None
+
+
+def _known(case: Case) -> dict[str, _Key]:
+    """Numbers of the links of a case that a model can change, by their keys."""
+    ptos = {
+        case.pto_names[name]: (f"{case.body_key(name)}.pto", one.pto)
+        for name, one in case.every_body.items()
+        if one.pto
+    }
+    links = {name: (f"link.{name}", one) for name, one in case.link.items() if not one.slack}
+    return {
+        f"{section}.{of}": _Key(name, kind, field, getattr(one, of))
+        for each, fields in ((ptos, TAKE_OFF_FIELDS), (links, LINK_FIELDS))
+        for name, (section, one) in each.items()
+        for of, (kind, field) in fields.items()
+    }
+
+
 def _changed(name: str, law: AbstractLaw, changes: list[Change]) -> AbstractLaw:
-    """Law of a link with new values of its fields; a spring is added where there is none.
+    """The law of the link `name` with other values of its fields, and with a spring if its stiffness changes.
 
     **Raises** CaseError for changes of a law that is not that of the case.
     """

@@ -53,17 +53,19 @@ def best_parameters(path: str | Path) -> dict[str, float]:
 
     **Raises** FileError if the file is none of a search, or contains no evaluation.
     """
-    return SweepFile(path).read().place(best_index(path))
+    return best_evaluation(path)[1]
 
 
-def best_index(path: str | Path) -> int:
-    """Number of the best evaluation of a search, from 0; path and errors as for `best_parameters`."""
+def best_evaluation(path: str | Path) -> tuple[int, dict[str, float]]:
+    """Number of the best evaluation of a search, from 0, and its parameters; otherwise as
+    `best_parameters`."""
     stored = SweepFile(path).read()
     of = stored.about.get("of")
     found = {index: one["results"][of] for index, one in stored.members.items() if of in one["results"]}
     if "method" not in stored.about or not found:
         raise FileError(f"{path} is not the file of a search with evaluations; give one of jaxsph optimise")
-    return max(found, key=lambda index: found[index])
+    best = max(found, key=lambda index: found[index])
+    return best, stored.place(best)
 
 
 class Record(NamedTuple):

@@ -14,7 +14,6 @@ import jax.numpy as jnp
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.core.loop import every_block
 from jaxsph.model.links import Link, LinkMotion
-from jaxsph.waves import theory
 from jaxsph.waves.fast_bodies import BodyAdditions, BodySeries
 from jaxsph.waves.fast_owc import Incident
 from jaxsph.waves.in_time import Equation, Moving, Timeline
@@ -61,18 +60,22 @@ def body_motion(
     time = Timeline.of(waves)
     force, equation = time.forces(water.at), _equation(water, added, ties, time)
     links = tuple(one.link.start(one.rest, time.t(jnp.zeros(()))) for one in ties)
+    # weight and buoyancy balance the links at rest
+    rest = sum(
+        (jax.grad(one.link.law.stored, argnums=1)(own.own, one.rest) * one.way)
+        for one, own in zip(ties, links, strict=True)
+    )
 
     def step(state: Any, _: None) -> tuple[Any, Array]:
         at, motions, mean = state
         k = at.k
-        at, motions, x, powers = _step(equation, ties, at, motions, time.t(k), time.drive(force, k), time.dt)
+        given = time.drive(force, k) + rest
+        at, motions, x, powers = _step(equation, ties, at, motions, time.t(k), given, time.dt)
         return (at, motions, mean + time.share(k) * powers), x
 
     start = Moving.at_rest(len(water.mass)), links, jnp.zeros(2)
     (*_, mean), x = every_block(step, start, time.count)
-    H, T = 2.0 * waves.amplitude, 2.0 * jnp.pi / waves.omega
-    P_inc = jnp.sum(theory.incident_power(H, T, water.depth, water.rho0, water.g))
-    P_pto, P_lost = mean
+    P_inc, (P_pto, P_lost) = waves.power(water.depth, water.rho0, water.g), mean
     return BodyMotion(P_pto / P_inc, P_pto, P_inc, P_lost, time.times, time.settled(x), time.sizes(x))
 
 
@@ -95,15 +98,14 @@ def _step(
     dt: Scalar,
 ) -> tuple[Moving, tuple[LinkMotion, ...], Array, Array]:
     """Coordinates and links after a step whose middle is at t (s); coordinates there; harvested power and
-    power lost by drag (W/m). `drive`: forces of the waves."""
+    power lost by drag (W/m). `drive`: forces that do not depend on the motion."""
     x = at.middle(dt)
     force, matrix = equation.begin(at, drive, dt)
     pulls = []
     for one, motion in zip(ties, motions, strict=True):
         s = one.rest + one.way @ x
         pull = one.link.pull(motion, s, one.way[None], (one.way @ at.v)[None], t)
-        at_rest = jax.grad(one.link.law.stored, argnums=1)(motion.own, one.rest)
-        force = force + pull.force + at_rest * one.way
+        force = force + pull.force
         matrix = matrix + pull.inertia(dt)
         pulls.append((s, pull))
     a = jnp.linalg.solve(matrix, force)

@@ -18,7 +18,6 @@ from jaxsph.core.loop import every_block
 from jaxsph.model.air import Air
 from jaxsph.model.interfaces import AbstractChamber
 from jaxsph.model.meaning import Exchange
-from jaxsph.waves import theory
 from jaxsph.waves.fast_owc import Additions, Incident, WaterSeries
 from jaxsph.waves.in_time import Equation, Moving, Timeline
 
@@ -96,8 +95,7 @@ def column_motion(
 
     start = Moving.at_rest(1), chamber.start(jnp.float32), jnp.zeros(2)
     (*_, mean), (q, P_a, volume) = every_block(step, start, time.count)
-    each = theory.incident_power(2.0 * waves.amplitude, 2.0 * jnp.pi / waves.omega, water.depth, rho0, g)
-    P_inc, (P_owc, P_lost) = jnp.sum(each), mean
+    P_inc, (P_owc, P_lost) = waves.power(water.depth, rho0, g), mean
     flow, pressure, level = (jnp.abs(time.sizes(one)) for one in (q, P_a, volume / b))
     series = time.times, time.settled(q), time.settled(P_a)
     return ColumnMotion(P_owc / P_inc, P_owc, P_inc, P_lost, flow, pressure, level, *series)

@@ -25,7 +25,6 @@ import numpy as np
 from jaxsph.core.arrays import Array, Float, Scalar
 from jaxsph.core.chebyshev import Series
 from jaxsph.core.roots import fixed_point
-from jaxsph.waves import theory
 from jaxsph.waves.fast_owc import ITERATIONS, Incident, amplitudes
 from jaxsph.waves.linear_bodies import SmallMotion
 from jaxsph.waves.panels import Section, hydrodynamics
@@ -185,7 +184,6 @@ def body_response(water: BodySeries, added: BodyAdditions, dampers: Dampers, wav
     xi = coordinates((links, own))
     taken = dampers.linear + waves.law.equal * dampers.quadratic * links
     P_pto = 0.5 * jnp.sum(dampers.harvests * taken * links**2)
-    H, T = 2.0 * waves.amplitude, 2.0 * jnp.pi / omega
-    P_inc = jnp.sum(theory.incident_power(H, T, water.depth, water.rho0, water.g))
+    P_inc = waves.power(water.depth, water.rho0, water.g)
     P_lost = 0.5 * waves.law.equal * jnp.sum(drag * own**3)
     return BodyResponse(P_pto / P_inc, P_pto, P_inc, xi, P_lost)

@@ -164,6 +164,11 @@ class Incident(NamedTuple):
             Law(2.0 / math.sqrt(math.pi), 1.5),
         )
 
+    def power(self, depth: float, rho0: float, g: float) -> Array:
+        """Mean power of the waves, W/m, in water of a depth (m) and a density (kg/m3)."""
+        H, T = 2.0 * self.amplitude, 2.0 * jnp.pi / self.omega
+        return jnp.sum(theory.incident_power(H, T, depth, rho0, g))
+
 
 class Response(NamedTuple):
     """Response of an oscillating water column to waves, per metre of width.
@@ -226,8 +231,7 @@ def fast_response(
     through, column = circuit.sizes()
     flow = circuit.flows(through, column)[1]
     P_owc = 0.5 * (circuit.resistance + circuit.turbine * through) * through**2
-    each = theory.incident_power(2.0 * waves.amplitude, 2.0 * jnp.pi / omega, water.depth, rho0, g)
-    P_inc = jnp.sum(each)
+    P_inc = waves.power(water.depth, rho0, g)
     linear, quadratic = circuit.resistance * through, circuit.turbine / waves.law.equal * through**2
     P_a = linear**2 + 2.0 * waves.law.equal * linear * quadratic + waves.law.square * quadratic**2
     return Response(
